@@ -1,0 +1,119 @@
+"""Images of a capture as 8-bit arrays, and the encoding of orientation maps.
+
+An orientation map is a grey image with alpha. Luminance ``l`` stands for the angle ``l / 256`` of pi; alpha holds the
+coherence in 16 steps: its upper four bits, 0 to 15, stand for 0 to 1. The lower four bits are ignored.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+from PIL import Image
+from torch import Tensor
+
+from dynhair.capture.records import View
+from dynhair.errors import DynhairError
+
+
+@dataclass(frozen=True)
+class EncodedView:
+    """A view as 8-bit arrays, as it is cached."""
+
+    rgb: UInt8[np.ndarray, "h w 3"]
+    mask: UInt8[np.ndarray, "h w"]
+    hair: UInt8[np.ndarray, "h w"] | None
+    orientation: UInt8[np.ndarray, "h w 2"] | None
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held, in bytes."""
+        return sum(a.nbytes for a in (self.rgb, self.mask, self.hair, self.orientation) if a is not None)
+
+    def decoded(self) -> View:
+        """Convert to float32."""
+        angle, coherence = (None, None) if self.orientation is None else decode_orientation(self.orientation)
+        return View(
+            rgb=_unit(self.rgb),
+            mask=_unit(self.mask),
+            hair=None if self.hair is None else _unit(self.hair),
+            orientation=angle,
+            coherence=coherence,
+        )
+
+
+def decode_orientation(encoded: UInt8[np.ndarray, "h w 2"]) -> tuple[Float[Tensor, "h w"], Float[Tensor, "h w"]]:
+    """Convert an orientation map to angles in [0, 1) of pi and coherence in [0, 1]."""
+    pixels = torch.from_numpy(encoded)
+    return pixels[..., 0].float().div_(256), (pixels[..., 1] >> 4).float().div_(15)
+
+
+def encode_orientation(
+    angle: Float[np.ndarray, "h w"], coherence: Float[np.ndarray, "h w"], *, angle_step: int = 1
+) -> UInt8[np.ndarray, "h w 2"]:
+    """Compute the pixels of an orientation map.
+
+    Args:
+        angle: undirected, in units of pi; taken modulo 1.
+        coherence: in [0, 1].
+        angle_step: round angles to this multiple of pi / 256, for smaller files.
+    """
+    levels = np.round(angle * 256 / angle_step).astype(np.int64) * angle_step % 256
+    steps = np.round(np.clip(coherence, 0, 1) * 15).astype(np.int64) * 16
+    return np.stack([levels, steps], -1).astype(np.uint8)
+
+
+def read_rgb(path: Path) -> UInt8[np.ndarray, "h w 3"]:
+    """Read a colour image.
+
+    Raises:
+        DynhairError: the file is missing, truncated or not an image; so for all readers here.
+    """
+    with _opened(path) as image:
+        return np.array(image.convert("RGB"))
+
+
+def read_mask(path: Path) -> UInt8[np.ndarray, "h w"]:
+    """Read a mask: a grey image, or the first channel of one with several."""
+    with _opened(path) as image:
+        if image.mode in ("L", "LA", "RGB", "RGBA"):
+            return np.array(image.getchannel(0))
+        return np.array(image.convert("L"))
+
+
+def read_orientation(path: Path) -> UInt8[np.ndarray, "h w 2"]:
+    """Read an orientation map as luminance and alpha."""
+    with _opened(path) as image:
+        if image.mode != "LA":
+            raise DynhairError(
+                f"an orientation map of mode {image.mode}",
+                path=path,
+                expected="LA: angle as luminance, coherence as alpha",
+                mend="write it as a grey PNG with alpha",
+            )
+        return np.array(image)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Image.Image]:
+    try:
+        with Image.open(path) as image:
+            image.load()
+            yield image
+    except FileNotFoundError:
+        raise DynhairError("the file is missing", path=path) from None
+    except (OSError, SyntaxError, ValueError, EOFError, struct.error, zlib.error) as error:
+        raise DynhairError(
+            f"not readable as an image ({error})", path=path, expected="a whole JPEG or PNG", mend="write it again"
+        ) from None
+
+
+def _unit(pixels: np.ndarray) -> Tensor:
+    return torch.from_numpy(pixels).float().div_(255)
