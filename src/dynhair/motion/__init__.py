@@ -1,0 +1,16 @@
+"""Head motion: the signals that drive the hair."""
+
+from dynhair.motion.normalization import SignalNormalizer
+from dynhair.motion.rotations import so3_exp, so3_log
+from dynhair.motion.signals import MotionSignals, motion_signals
+from dynhair.motion.windows import motion_window, motion_windows
+
+__all__ = [
+    "MotionSignals",
+    "SignalNormalizer",
+    "motion_signals",
+    "motion_window",
+    "motion_windows",
+    "so3_exp",
+    "so3_log",
+]
