@@ -1,0 +1,245 @@
+"""What can be chosen about an avatar and its training, and the presets.
+
+Lengths are metres. Loss weights are the paper's (supplement B); its squared lengths are in the face model's canonical
+units of about 0.1 m, so a weight on a squared length in metres is the paper's divided by 0.1 squared.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import yaml
+
+from dynhair.errors import DynhairError
+from dynhair.storage import atomic_file
+
+
+@dataclass(frozen=True)
+class DeformerConfig:
+    """The hair deformation network.
+
+    Attributes:
+        history: frames T before the current one that the network sees.
+        signal_frequencies: octaves of the encoding of motion signals.
+        position_frequencies: octaves of the encoding of canonical positions.
+        place_frequencies: octaves of the encoding of the place along a strand.
+        hidden: size of the LSTM's state.
+        width: size of the MLP's hidden layers.
+        layers: number of the MLP's hidden layers.
+    """
+
+    history: int = 5
+    signal_frequencies: int = 4
+    position_frequencies: int = 6
+    place_frequencies: int = 4
+    hidden: int = 128
+    width: int = 128
+    layers: int = 2
+
+
+@dataclass(frozen=True)
+class HairConfig:
+    """Strands and their Gaussians.
+
+    Attributes:
+        strands: number of strands.
+        points: points L of a strand.
+        static_iterations: refinement steps of the canonical hairstyle.
+        deformer: the network that moves it.
+    """
+
+    strands: int = 2000
+    points: int = 32
+    static_iterations: int = 600
+    deformer: DeformerConfig = field(default_factory=DeformerConfig)
+
+
+@dataclass(frozen=True)
+class HeadConfig:
+    """Gaussians of head and upper body (paper, appendix A).
+
+    Attributes:
+        gaussians: their number.
+        features: learned features of a Gaussian.
+        deformation_width: hidden size of the expression deformation MLP and of the pose deformation MLP.
+        deformation_layers: hidden layers of the expression deformation MLP; the pose one has two.
+        appearance_width: hidden size of the colour and attribute MLPs.
+        deformation_scale: bound of a branch's displacement, metres. It must let the torso rest while the head turns.
+        attribute_scale: factor on the attribute MLPs' outputs.
+        near: up to this distance from the landmarks, metres, a point follows the expression alone.
+        far: from this distance, metres, a point follows the pose alone.
+        tracking_iterations: steps that fit the deformation MLPs to the tracked mesh before images are seen.
+    """
+
+    gaussians: int = 20_000
+    features: int = 32
+    deformation_width: int = 64
+    deformation_layers: int = 3
+    appearance_width: int = 32
+    deformation_scale: float = 0.2
+    attribute_scale: float = 0.2
+    near: float = 0.03
+    far: float = 0.05
+    tracking_iterations: int = 1500
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """Weights of the joint training's terms (supplement B, in metres)."""
+
+    rgb: float = 2.0
+    ssim: float = 0.2
+    segmentation: float = 10.0
+    body: float = 5.0
+    orientation: float = 1.0
+    penetration: float = 100.0
+    elastic: float = 50_000.0
+    tracking: float = 100.0
+
+
+@dataclass(frozen=True)
+class LearningRates:
+    """Adam's learning rates."""
+
+    deformer: float = 1e-3
+    strands: float = 1e-5
+    hair_colour: float = 1e-2
+    head_networks: float = 5e-4
+    head_colour: float = 5e-3
+    head_opacity: float = 1e-3
+    head_scales: float = 1e-3
+    head_means: float = 1e-5
+    head_features: float = 1e-3
+    head_rotations: float = 1e-3
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    """The joint training.
+
+    Attributes:
+        iterations: steps; a step sees one time step from several views.
+        views: views a step.
+        image_size: longer side of the training images, pixels; larger captures are reduced.
+        seed: of everything random.
+        segmentation_warmup: share of the iterations after which the segmentation weight starts to decay.
+        segmentation_floor: share of the segmentation weight that stays.
+        checkpoint_every: steps between checkpoints.
+        preview_every: steps between preview images.
+        weights: of the losses.
+        rates: of learning.
+    """
+
+    iterations: int = 6000
+    views: int = 2
+    image_size: int = 256
+    seed: int = 0
+    segmentation_warmup: float = 0.5
+    segmentation_floor: float = 0.5
+    checkpoint_every: int = 500
+    preview_every: int = 500
+    weights: LossWeights = field(default_factory=LossWeights)
+    rates: LearningRates = field(default_factory=LearningRates)
+
+
+@dataclass(frozen=True)
+class Config:
+    """Everything that determines an avatar, given a capture."""
+
+    hair: HairConfig = field(default_factory=HairConfig)
+    head: HeadConfig = field(default_factory=HeadConfig)
+    training: TrainingConfig = field(default_factory=TrainingConfig)
+
+
+PRESETS: Mapping[str, Config] = {
+    "tiny": Config(
+        hair=HairConfig(
+            strands=600, points=24, static_iterations=250, deformer=DeformerConfig(hidden=64, width=64)
+        ),
+        head=HeadConfig(gaussians=8000, features=16, deformation_width=48, appearance_width=16, tracking_iterations=800),
+        training=TrainingConfig(iterations=1200, checkpoint_every=300, preview_every=300),
+    ),
+    "small": Config(),
+    "medium": Config(
+        hair=HairConfig(strands=5000, points=40, static_iterations=1500),
+        head=HeadConfig(gaussians=60_000, features=64, deformation_width=128, appearance_width=64),
+        training=TrainingConfig(iterations=40_000, views=4, image_size=512, checkpoint_every=1000),
+    ),
+    "paper": Config(
+        hair=HairConfig(
+            strands=11_000, points=40, static_iterations=5000, deformer=DeformerConfig(hidden=256, width=256, layers=4)
+        ),
+        head=HeadConfig(
+            gaussians=140_000, features=128, deformation_width=256, deformation_layers=5, appearance_width=256
+        ),
+        training=TrainingConfig(iterations=320_000, views=4, image_size=1024, checkpoint_every=2000),
+    ),
+}
+
+
+def preset(name: str) -> Config:
+    """The preset of that name.
+
+    Raises:
+        DynhairError: there is none.
+    """
+    if name not in PRESETS:
+        raise DynhairError(f"there is no preset '{name}'", expected=f"one of {', '.join(PRESETS)}")
+    return PRESETS[name]
+
+
+def chosen_config(name: str, file: Path | None, iterations: int | None, seed: int | None) -> Config:
+    """A preset, or the configuration in a file, with other iterations and another seed where they are given."""
+    config = preset(name) if file is None else read_config(file)
+    training = config.training
+    training = dataclasses.replace(
+        training,
+        iterations=training.iterations if iterations is None else iterations,
+        seed=training.seed if seed is None else seed,
+    )
+    return dataclasses.replace(config, training=training)
+
+
+def write_config(config: Config, path: Path) -> None:
+    """Write a configuration as YAML, atomically."""
+    with atomic_file(path) as temporary:
+        temporary.write_text(yaml.safe_dump(dataclasses.asdict(config), sort_keys=False), encoding="utf-8")
+
+
+def read_config(path: Path) -> Config:
+    """Read a configuration; what the file leaves out keeps its default.
+
+    Raises:
+        DynhairError: the file is missing, is not YAML, or holds an unknown name or a value of the wrong type.
+    """
+    try:
+        value = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise DynhairError("the file is missing", path=path) from None
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise DynhairError(f"not readable as YAML ({error})", path=path) from None
+    return _build(Config, value if value is not None else {}, path, "")
+
+
+def _build(kind: type, value: Any, path: Path, where: str) -> Any:
+    if dataclasses.is_dataclass(kind):
+        if not isinstance(value, dict):
+            raise DynhairError(f"{where.rstrip('.') or 'the file'} is {value!r}", path=path, expected="names with values")
+        hints = get_type_hints(kind)
+        unknown = [str(name) for name in value if name not in hints]
+        if unknown:
+            raise DynhairError(
+                f"unknown setting '{where}{unknown[0]}'", path=path, expected=f"one of {', '.join(hints)}"
+            )
+        built = {name: _build(hints[name], item, path, f"{where}{name}.") for name, item in value.items()}
+        return kind(**built)
+    name = where.rstrip(".")
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
+        raise DynhairError(f"'{name}' is {value!r}", path=path, expected=f"a {kind.__name__}")
+    return value
