@@ -1,6 +1,18 @@
 """Captures on disk: multi-view images of a head in motion with masks, cameras and tracking."""
 
+from dynhair.capture.manifest import Manifest
 from dynhair.capture.reader import Capture
 from dynhair.capture.records import GroundTruth, HeadTrack, Segment, TrackedMesh, View
+from dynhair.capture.writer import CaptureWriter, ImageCoding
 
-__all__ = ["Capture", "GroundTruth", "HeadTrack", "Segment", "TrackedMesh", "View"]
+__all__ = [
+    "Capture",
+    "CaptureWriter",
+    "GroundTruth",
+    "HeadTrack",
+    "ImageCoding",
+    "Manifest",
+    "Segment",
+    "TrackedMesh",
+    "View",
+]

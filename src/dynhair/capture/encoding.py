@@ -56,7 +56,11 @@ def decode_orientation(encoded: UInt8[np.ndarray, "h w 2"]) -> tuple[Float[Tenso
 
 
 def encode_orientation(
-    angle: Float[np.ndarray, "h w"], coherence: Float[np.ndarray, "h w"], *, angle_step: int = 1
+    angle: Float[np.ndarray, "h w"],
+    coherence: Float[np.ndarray, "h w"],
+    *,
+    angle_step: int = 1,
+    coherence_levels: int = 16,
 ) -> UInt8[np.ndarray, "h w 2"]:
     """Compute the pixels of an orientation map.
 
@@ -64,10 +68,11 @@ def encode_orientation(
         angle: undirected, in units of pi; taken modulo 1.
         coherence: in [0, 1].
         angle_step: round angles to this multiple of pi / 256, for smaller files.
+        coherence_levels: round coherence to so many levels, 2 to 16, for smaller files.
     """
-    levels = np.round(angle * 256 / angle_step).astype(np.int64) * angle_step % 256
-    steps = np.round(np.clip(coherence, 0, 1) * 15).astype(np.int64) * 16
-    return np.stack([levels, steps], -1).astype(np.uint8)
+    steps = np.round(angle * 256 / angle_step).astype(np.int64) * angle_step % 256
+    levels = np.round(np.clip(coherence, 0, 1) * (coherence_levels - 1)) / (coherence_levels - 1)
+    return np.stack([steps, np.round(levels * 15).astype(np.int64) << 4], -1).astype(np.uint8)
 
 
 def read_rgb(path: Path) -> UInt8[np.ndarray, "h w 3"]:

@@ -75,6 +75,16 @@ class Capture:
         return self.path.resolve().name
 
     @property
+    def cache_bytes(self) -> int:
+        """Bytes that decoded images may take."""
+        return self._views.cache.budget
+
+    @property
+    def cached_bytes(self) -> int:
+        """Bytes that decoded images take now."""
+        return self._views.cache.nbytes
+
+    @property
     def fps(self) -> float:
         """Frames per second."""
         return self.manifest.fps
