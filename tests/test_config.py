@@ -35,6 +35,7 @@ def test_what_a_file_leaves_out_keeps_its_default(tmp_path: Path) -> None:
         ("hair: {strands: 1.5}", "hair.strands"),
         ("hair: {strands: true}", "hair.strands"),
         ("hair: 3", "hair"),
+        ("training: {precision: double}", "training.precision"),
         ("- 1", "the file"),
         ("{", "YAML"),
         ("hair: !!python/object/apply:os.getcwd []", "YAML"),

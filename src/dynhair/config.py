@@ -10,7 +10,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import yaml
 
@@ -125,6 +125,7 @@ class TrainingConfig:
         iterations: steps; a step sees one time step from several views.
         views: views a step.
         image_size: longer side of the training images, pixels; larger captures are reduced.
+        precision: of the networks' hidden layers; ``auto`` is decided by measurement when a run begins, and kept.
         seed: of everything random.
         segmentation_warmup: share of the iterations after which the segmentation weight starts to decay.
         segmentation_floor: share of the segmentation weight that stays.
@@ -137,6 +138,7 @@ class TrainingConfig:
     iterations: int = 6000
     views: int = 2
     image_size: int = 256
+    precision: Literal["auto", "float32", "bfloat16"] = "auto"
     seed: int = 0
     segmentation_warmup: float = 0.5
     segmentation_floor: float = 0.5
@@ -157,10 +159,10 @@ class Config:
 
 PRESETS: Mapping[str, Config] = {
     "tiny": Config(
-        hair=HairConfig(
-            strands=600, points=24, static_iterations=250, deformer=DeformerConfig(hidden=64, width=64)
+        hair=HairConfig(strands=600, points=24, static_iterations=250, deformer=DeformerConfig(hidden=64, width=64)),
+        head=HeadConfig(
+            gaussians=8000, features=16, deformation_width=48, appearance_width=16, tracking_iterations=800
         ),
-        head=HeadConfig(gaussians=8000, features=16, deformation_width=48, appearance_width=16, tracking_iterations=800),
         training=TrainingConfig(iterations=1200, checkpoint_every=300, preview_every=300),
     ),
     "small": Config(),
@@ -225,10 +227,13 @@ def read_config(path: Path) -> Config:
     return _build(Config, value if value is not None else {}, path, "")
 
 
-def _build(kind: type, value: Any, path: Path, where: str) -> Any:
+def _build(kind: Any, value: Any, path: Path, where: str) -> Any:
     if dataclasses.is_dataclass(kind):
         if not isinstance(value, dict):
-            raise DynhairError(f"{where.rstrip('.') or 'the file'} is {value!r}", path=path, expected="names with values")
+            raise DynhairError(
+                f"{where.rstrip('.') or 'the file'} is {value!r}", path=path, expected="names with values"
+            )
+        assert isinstance(kind, type)
         hints = get_type_hints(kind)
         unknown = [str(name) for name in value if name not in hints]
         if unknown:
@@ -238,6 +243,10 @@ def _build(kind: type, value: Any, path: Path, where: str) -> Any:
         built = {name: _build(hints[name], item, path, f"{where}{name}.") for name, item in value.items()}
         return kind(**built)
     name = where.rstrip(".")
+    if get_origin(kind) is Literal:
+        if value not in get_args(kind):
+            raise DynhairError(f"'{name}' is {value!r}", path=path, expected=f"one of {', '.join(get_args(kind))}")
+        return value
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):

@@ -1,0 +1,251 @@
+"""The whole avatar: hair and head, posed and drawn together, stored as one small folder."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import safetensors
+import safetensors.torch
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from dynhair.avatar.hair import Hair
+from dynhair.avatar.head import Head, HeadGaussians, HeadPose
+from dynhair.camera import Camera
+from dynhair.capture import HeadTrack
+from dynhair.config import DeformerConfig, HeadConfig
+from dynhair.errors import DynhairError
+from dynhair.motion import MotionSignals, SignalNormalizer, motion_signals, motion_window, so3_log
+from dynhair.render import Gaussians, rasterize
+from dynhair.storage import atomic_folder, read_json, write_json
+from dynhair.strands import decode_orientation, projected_orientation, root_taper, strand_gaussians
+
+SCHEMA_VERSION = 1
+DESCRIPTION = "avatar.json"
+TENSORS = "avatar.safetensors"
+
+
+@dataclass(frozen=True)
+class PosedAvatar:
+    """An avatar in one frame.
+
+    Attributes:
+        strands: in the world, metres.
+        head: the head's Gaussians, in the head frame.
+        pose: the head's pose.
+    """
+
+    strands: Float[Tensor, "n l 3"]
+    head: HeadGaussians
+    pose: HeadPose
+
+
+@dataclass(frozen=True)
+class AvatarImages:
+    """What the cameras see.
+
+    Attributes:
+        rgb: colour over the avatar's background.
+        hair: visible hair coverage in [0, 1].
+        body: visible coverage of head and upper body in [0, 1].
+        direction: hair's image direction as a doubled angle (cos 2a, sin 2a), weighted by its coverage.
+        alpha: coverage of everything.
+    """
+
+    rgb: Float[Tensor, "v h w 3"]
+    hair: Float[Tensor, "v h w"]
+    body: Float[Tensor, "v h w"]
+    direction: Float[Tensor, "v h w 2"]
+    alpha: Float[Tensor, "v h w"]
+
+    @property
+    def orientation(self) -> Float[Tensor, "v h w"]:
+        """The hair's undirected image direction in [0, 1) of pi."""
+        return decode_orientation(self.direction)
+
+
+class Avatar(nn.Module):
+    """A person's head with moving hair.
+
+    Args:
+        hair: strands and their motion.
+        head: Gaussians of head and upper body.
+        normalizer: scales of the motion signals, from the training motions.
+        background: colour behind everything.
+    """
+
+    background: Tensor
+
+    def __init__(self, hair: Hair, head: Head, normalizer: SignalNormalizer, background: Float[Tensor, "3"]) -> None:
+        super().__init__()
+        self.hair = hair
+        self.head = head
+        self.normalizer = normalizer
+        self.register_buffer("background", background.clone())
+
+    @property
+    def canonical_strands(self) -> Float[Tensor, "n l 3"]:
+        """The hairstyle at rest in the head frame, metres."""
+        return self.hair(None)
+
+    def conditions(self, track: HeadTrack) -> Float[Tensor, "f 9"]:
+        """Normalised motion conditions of a whole track, on the avatar's device."""
+        signals, device = motion_signals(track), self.background.device
+        return self.normalizer(
+            MotionSignals(signals.omega.to(device), signals.alpha.to(device), signals.gravity.to(device))
+        )
+
+    def window(self, conditions: Float[Tensor, "f 9"], frame: int) -> Float[Tensor, "t 9"]:
+        """The conditions that the hair of ``frame`` depends on."""
+        return motion_window(conditions, frame, self.hair.deformer.config.history)
+
+    def deformed_strands(self, track: HeadTrack, frames: Sequence[int]) -> Float[Tensor, "b n l 3"]:
+        """Strands in the head frame, metres, in the given frames of a track."""
+        conditions = self.conditions(track)
+        return torch.stack([self.hair(self.window(conditions, frame)) for frame in frames])
+
+    def pose(self, track: HeadTrack, frame: int, *, rigid_hair: bool = False) -> PosedAvatar:
+        """The avatar in one frame of a track.
+
+        Args:
+            track: head poses and expressions.
+            frame: index inside the track.
+            rigid_hair: keep the hair in its canonical shape.
+        """
+        window = None if rigid_hair else self.window(self.conditions(track), frame)
+        return self.posed(head_pose(track, frame, self.background.device), window)
+
+    def posed(self, pose: HeadPose, window: Float[Tensor, "t 9"] | None) -> PosedAvatar:
+        """The avatar in a given pose, with hair under the given motion conditions (None: rigid)."""
+        strands = self.hair(window) @ pose.rotation.T + pose.translation
+        return PosedAvatar(strands, self.head(pose), pose)
+
+    def render(self, posed: PosedAvatar, cameras: Sequence[Camera]) -> AvatarImages:
+        """Draw hair and head together in one pass: colour, labels, hair direction."""
+        pose, head = posed.pose, posed.head
+        hair = strand_gaussians(posed.strands, self.hair.width, root_taper(posed.strands.shape[1] - 1))
+        head_means = head.means @ pose.rotation.T + pose.translation
+        labels = torch.tensor([[1.0, 0.0], [0.0, 1.0]], device=head_means.device)
+        hair_label = labels[0].expand(len(hair.means), 2)
+        head_rest = torch.cat([labels[1], labels.new_zeros(2)]).expand(len(head_means), 4)
+        head_features = torch.cat([head.colours, head_rest], 1)
+        views = []
+        for camera in cameras:
+            colours = self.hair.colours(hair.means, camera.centre)
+            directions = projected_orientation(hair.means, hair.directions, camera)
+            views.append(torch.cat([torch.cat([colours, hair_label, directions], 1), head_features]))
+        gaussians = Gaussians(
+            means=torch.cat([hair.means, head_means]),
+            quats=torch.cat([hair.quats, multiply_quaternions(rotation_quaternion(pose), head.quats)]),
+            scales=torch.cat([hair.scales, head.scales]),
+            opacities=torch.cat([hair.means.new_ones(len(hair.means)), head.opacities]),
+            features=torch.stack(views),
+        )
+        background = torch.cat([self.background, self.background.new_zeros(4)])
+        images = rasterize(gaussians, cameras, background=background)
+        rgb, label, direction = images.features.split([3, 2, 2], dim=-1)
+        return AvatarImages(rgb, label[..., 0], label[..., 1], direction, images.alpha)
+
+    def save(self, path: Path | str) -> None:
+        """Write the avatar as a folder, atomically: ``avatar.json`` and ``avatar.safetensors``."""
+        description = {
+            "kind": "dynhair avatar",
+            "version": SCHEMA_VERSION,
+            "strand_width": self.hair.width,
+            "expression_size": self.head.expression_size,
+            "deformer": dataclasses.asdict(self.hair.deformer.config),
+            "head": dataclasses.asdict(self.head.config),
+        }
+        tensors = {name: value.detach().cpu().contiguous() for name, value in self.state_dict().items()}
+        with atomic_folder(path) as folder:
+            write_json(folder / DESCRIPTION, description)
+            safetensors.torch.save_file(tensors, folder / TENSORS)
+
+    @classmethod
+    def load(cls, path: Path | str, device: torch.device | str = "cpu") -> Avatar:
+        """Open an avatar's folder. Nothing in it is executed.
+
+        Raises:
+            DynhairError: a file is missing, damaged, of a later version, or does not fit the others.
+        """
+        path = Path(path)
+        if not path.is_dir():
+            raise DynhairError("there is no such folder", path=path, expected="an avatar's folder")
+        description = read_json(path / DESCRIPTION)
+        if description.get("kind") != "dynhair avatar" or description.get("version") != SCHEMA_VERSION:
+            raise DynhairError(
+                f"kind {description.get('kind')!r}, version {description.get('version')!r}",
+                path=path / DESCRIPTION,
+                expected=f"a 'dynhair avatar' of version {SCHEMA_VERSION}",
+                mend="open it with the release that wrote it",
+            )
+        try:
+            tensors = safetensors.torch.load_file(path / TENSORS)
+        except FileNotFoundError:
+            raise DynhairError("the file is missing", path=path / TENSORS) from None
+        except (OSError, safetensors.SafetensorError) as error:
+            raise DynhairError(f"not readable as safetensors ({error})", path=path / TENSORS) from None
+        try:
+            avatar = cls._like(description, tensors)
+            avatar.load_state_dict(tensors)
+        except (KeyError, TypeError, ValueError, IndexError, RuntimeError) as error:
+            raise DynhairError(
+                f"the tensors do not fit {DESCRIPTION}: {error}", path=path / TENSORS, mend="write the avatar again"
+            ) from None
+        return avatar.to(device).eval()
+
+    @classmethod
+    def _like(cls, description: dict[str, Any], tensors: dict[str, Tensor]) -> Avatar:
+        hair = Hair(
+            tensors["hair.deformer.addresses"],
+            float(description["strand_width"]),
+            torch.zeros(3),
+            DeformerConfig(**description["deformer"]),
+        )
+        means = tensors["head.means"]
+        head = Head(
+            means,
+            torch.ones(len(means)),
+            torch.zeros(1, 3),
+            torch.zeros(3),
+            int(description["expression_size"]),
+            HeadConfig(**description["head"]),
+        )
+        return cls(hair, head, SignalNormalizer(torch.ones(3), torch.ones(3)), torch.zeros(3))
+
+
+def head_pose(track: HeadTrack, frame: int, device: torch.device | str = "cpu") -> HeadPose:
+    """The pose and expression of one frame of a track."""
+    rotation = torch.from_numpy(track.rotations[frame])
+    return HeadPose(
+        rotation=rotation.float().to(device),
+        translation=torch.from_numpy(track.translations[frame]).float().to(device),
+        rotation_vector=so3_log(rotation).float().to(device),
+        expression=torch.from_numpy(track.expressions[frame]).float().to(device),
+    )
+
+
+def rotation_quaternion(pose: HeadPose) -> Float[Tensor, "4"]:
+    """The pose's rotation as a unit quaternion, wxyz."""
+    half = pose.rotation_vector / 2
+    angle = torch.linalg.vector_norm(half)
+    return torch.cat([angle.cos()[None], half * torch.sinc(angle / torch.pi)])
+
+
+def multiply_quaternions(a: Float[Tensor, "4"], b: Float[Tensor, "k 4"]) -> Float[Tensor, "k 4"]:
+    """Hamilton products, wxyz: rotate by ``b``, then by ``a``."""
+    w, x, y, z = a
+    left = torch.stack(
+        [
+            torch.stack([w, -x, -y, -z]),
+            torch.stack([x, w, -z, y]),
+            torch.stack([y, z, w, -x]),
+            torch.stack([z, -y, x, w]),
+        ]
+    )
+    return b @ left.T

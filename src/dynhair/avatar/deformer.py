@@ -1,0 +1,82 @@
+"""The hair deformation network: the head's recent motion in, displacements of the canonical strands out."""
+
+from __future__ import annotations
+
+import itertools
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from dynhair.avatar.encoding import encoded_size, positional_encoding
+from dynhair.avatar.mlp import PointNetwork, evaluate_chunked
+from dynhair.config import DeformerConfig
+
+CONDITIONS = 9  # angular velocity, angular acceleration, relative gravity
+POSITION_UNIT = 0.15  # metres; canonical positions are encoded in this unit, the size of a head
+DISPLACEMENT_UNIT = 0.1  # metres; about one canonical unit of the face models, in which the paper's network predicts
+
+
+class HairDeformer(PointNetwork):
+    """Displacements of strand points from a window of head motion (paper, "Hair deformation network").
+
+    An LSTM with learnable initial state embeds the encoded window; the embedding scales and shifts (FiLM) the encoded
+    canonical position of each point; together with the encoded place along the strand, an MLP turns it into a
+    displacement, attenuated towards the root by learnable factors.
+
+    The canonical positions that the network sees are those at construction. They are the points' fixed addresses:
+    when the canonical hair is optimised or edited later, a point keeps its motion.
+
+    Args:
+        canonical: canonical strands in the head frame, metres.
+        config: sizes.
+    """
+
+    addresses: Tensor
+    position_code: Tensor
+    place_code: Tensor
+
+    def __init__(self, canonical: Float[Tensor, "n l 3"], config: DeformerConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.strands, self.points = canonical.shape[:2]
+        centred = (canonical - canonical.mean((0, 1))) / POSITION_UNIT
+        code = positional_encoding(centred.flatten(0, 1), config.position_frequencies)
+        place = torch.arange(self.points, dtype=torch.float32)[:, None] / self.points
+        self.register_buffer("addresses", canonical.clone())
+        self.register_buffer("position_code", code, persistent=False)
+        self.register_buffer("place_code", positional_encoding(place, config.place_frequencies), persistent=False)
+
+        signal_size = encoded_size(CONDITIONS, config.signal_frequencies)
+        self.lstm = nn.LSTM(signal_size, config.hidden, batch_first=True)
+        self.h0 = nn.Parameter(torch.zeros(1, 1, config.hidden))
+        self.c0 = nn.Parameter(torch.zeros(1, 1, config.hidden))
+        position_size = code.shape[-1]
+        self.film = nn.Linear(config.hidden, 2 * position_size)
+        sizes = (position_size + self.place_code.shape[-1], *[config.width] * config.layers, 3)
+        self.mlp = nn.ModuleList([nn.Linear(a, b) for a, b in itertools.pairwise(sizes)])
+        last = self.mlp[-1]
+        assert isinstance(last, nn.Linear)
+        nn.init.normal_(last.weight, std=1e-4)  # the hair starts at rest
+        nn.init.zeros_(last.bias)
+        self.root_attenuation = nn.Parameter(torch.linspace(0.05, 1.0, self.points))
+
+    def forward(self, window: Float[Tensor, "t 9"]) -> Float[Tensor, "n l 3"]:
+        """Displacements, metres, in the head frame.
+
+        Args:
+            window: normalised conditions of the frames ``t - T .. t``, oldest first.
+        """
+        signal = positional_encoding(window, self.config.signal_frequencies)[None]
+        _, (embedding, _) = self.lstm(signal, (self.h0, self.c0))
+        scale, shift = self.film(embedding[0, 0]).chunk(2)
+        first, *rest = [layer for layer in self.mlp if isinstance(layer, nn.Linear)]
+        # FiLM acts on the first layer's input alone, so it folds into it: W (f (1 + s) + b) = (W (1 + s)) f + W b.
+        # The place along the strand takes only L values: its share is a bias that repeats from strand to strand.
+        on_position, on_place = first.weight.split([scale.shape[0], self.place_code.shape[-1]], dim=1)
+        bias = first.bias + on_position @ shift + self.place_code @ on_place.T
+        layers = [([on_position * (1 + scale)], bias.repeat(self.strands, 1))]
+        layers += [([layer.weight], layer.bias) for layer in rest]
+        moved = evaluate_chunked(self.position_code, layers, self.dtype or self.position_code.dtype)
+        moved = moved.view(self.strands, self.points, 3)
+        return moved * (DISPLACEMENT_UNIT * self.root_attenuation)[:, None]

@@ -1,0 +1,53 @@
+"""Hair: canonical strands, the network that moves them, and their colours."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from dynhair.avatar.deformer import HairDeformer
+from dynhair.avatar.spherical_harmonics import COEFFICIENTS, constant_coefficient, harmonics_colour
+from dynhair.config import DeformerConfig
+from dynhair.strands import smooth_strands
+
+
+class Hair(nn.Module):
+    """Strands that move with the head and against it (paper, "Modeling Dynamic Hair").
+
+    Args:
+        canonical: strands at rest in the head frame, metres, root first.
+        width: width of a strand, metres.
+        colour: initial colour, in [0, 1].
+        deformer: sizes of the deformation network.
+    """
+
+    def __init__(
+        self,
+        canonical: Float[Tensor, "n l 3"],
+        width: float,
+        colour: Float[Tensor, "3"],
+        deformer: DeformerConfig,
+    ) -> None:
+        super().__init__()
+        self.width = width
+        self.strands = nn.Parameter(canonical.clone())
+        self.deformer = HairDeformer(canonical, deformer)
+        coefficients = torch.zeros(canonical.shape[0] * (canonical.shape[1] - 1), COEFFICIENTS, 3)
+        coefficients[:, 0] = constant_coefficient(colour)
+        self.harmonics = nn.Parameter(coefficients)
+
+    def forward(self, window: Float[Tensor, "t 9"] | None) -> Float[Tensor, "n l 3"]:
+        """Strands in the head frame, metres.
+
+        Args:
+            window: normalised motion conditions; None holds the hair rigid.
+        """
+        # The low-pass of supplement B, "Dynamic training stage"; the rigid hair gets it too, so that the two compare.
+        moved = self.strands if window is None else self.strands + self.deformer(window)
+        return smooth_strands(moved)
+
+    def colours(self, means: Float[Tensor, "g 3"], eye: Float[Tensor, "3"]) -> Float[Tensor, "g 3"]:
+        """Colours of the strand Gaussians at ``means`` (world) as seen from ``eye``: harmonics of degree 3."""
+        directions = nn.functional.normalize(means.detach() - eye, dim=-1)
+        return harmonics_colour(self.harmonics, directions)

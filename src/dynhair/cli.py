@@ -1,0 +1,133 @@
+"""The ``dynhair`` command: a verb each, no logic. Heavy imports wait until a verb runs."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Literal
+
+import tyro
+from tyro.conf import Positional
+
+from dynhair.errors import DynhairError
+
+PresetName = Literal["tiny", "small", "medium", "paper"]
+
+
+def demo(out: Path = Path("demo"), resume: bool = False) -> None:
+    """Train a small avatar on the bundled capture and show it moving beside the truth, in about five minutes.
+
+    Args:
+        out: Folder for the run, the videos and the pictures.
+        resume: Go on with an interrupted demo in that folder.
+    """
+    from dynhair.demo import run_demo
+
+    run_demo(out, resume=resume)
+
+
+def check(capture: Positional[Path], sheet: Path | None = None) -> None:
+    """Validate a capture: one table of findings, each with file, found, expected and how to mend it.
+
+    Exits with 1 if there are errors.
+
+    Args:
+        capture: The capture's folder.
+        sheet: Where to write a contact sheet with landmarks and head axes; beside you as CAPTURE_sheet.png by default.
+    """
+    from dynhair.capture.check import run_check
+
+    sys.exit(run_check(capture, sheet or Path(f"{capture.resolve().name}_sheet.png")))
+
+
+def train(
+    capture: Positional[Path],
+    out: Path,
+    preset: PresetName = "small",
+    config: Path | None = None,
+    iterations: int | None = None,
+    seed: int | None = None,
+    resume: bool = False,
+) -> None:
+    """Train an avatar on a capture.
+
+    Ctrl-C saves; --resume goes on exactly, also after a kill.
+
+    Args:
+        capture: The capture's folder.
+        out: The run's folder; the avatar is written to OUT/avatar.
+        preset: Sizes and iterations. On two cores tiny takes minutes, small half an hour, medium a night; paper wants
+            a GPU.
+        config: YAML file in the place of the preset; every run writes its own config.yaml to start from.
+        iterations: Steps of the joint training, if others than the preset's.
+        seed: Of everything random, if another than the preset's.
+        resume: Go on with the run in OUT, with its own configuration.
+    """
+    from dynhair.config import chosen_config
+    from dynhair.training import train as train_avatar
+
+    train_avatar(capture, out, chosen_config(preset, config, iterations, seed), resume=resume)
+
+
+def render(
+    avatar: Positional[Path],
+    motion: str,
+    camera: str,
+    capture: Path | None = None,
+    out: Path | None = None,
+    rigid_hair: bool = False,
+) -> None:
+    """Render an avatar driven by a motion of a capture, as a video.
+
+    Args:
+        avatar: The avatar's folder, or the run's.
+        motion: Name of a segment of the capture.
+        camera: Name of a camera of the capture.
+        capture: The capture that has them; for a run's avatar the one it was trained on by default.
+        out: The video; MOTION_CAMERA.mp4 by default.
+        rigid_hair: Keep the hair in its canonical shape.
+    """
+    from dynhair.evaluation import render_motion
+    from dynhair.training import avatar_folder, trained_capture
+
+    render_motion(
+        avatar_folder(avatar),
+        capture or trained_capture(avatar),
+        out or Path(f"{motion}_{camera}.mp4"),
+        motion=motion,
+        camera=camera,
+        rigid_hair=rigid_hair,
+    )
+
+
+def evaluate(avatar: Positional[Path], capture: Positional[Path], out: Path | None = None) -> None:
+    """Measure an avatar on a capture's motions, held-out ones first: a table, metrics.json, side-by-side videos.
+
+    Args:
+        avatar: The avatar's folder, or the run's.
+        capture: The capture's folder.
+        out: Folder for the results; beside the avatar as "evaluation" by default.
+    """
+    from dynhair.evaluation import run_evaluation
+    from dynhair.training import avatar_folder
+
+    folder = avatar_folder(avatar)
+    run_evaluation(folder, capture, out or folder.parent / "evaluation")
+
+
+VERBS = {"demo": demo, "check": check, "train": train, "render": render, "evaluate": evaluate}
+
+
+def main() -> None:
+    """Run the command line."""
+    try:
+        tyro.extras.subcommand_cli_from_dict(
+            VERBS,
+            prog="dynhair",
+            description="Animatable head avatars with explicit, moving hair, from multi-view video.",
+        )
+    except DynhairError as error:
+        print(f"dynhair: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(130)

@@ -1,0 +1,42 @@
+"""The demo: the whole path on the bundled capture, in minutes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+
+from dynhair.config import preset
+from dynhair.errors import DynhairError
+from dynhair.evaluation import run_evaluation
+from dynhair.training import train
+
+
+def sample_capture() -> Path:
+    """The folder of the bundled capture, in an installed package or in a checkout.
+
+    Raises:
+        DynhairError: it is in neither.
+    """
+    package = Path(__file__).parent
+    places = (package / "sample_capture", package.parents[1] / "data" / "sample_capture")
+    for place in places:
+        if (place / "capture.json").exists():
+            return place
+    raise DynhairError(
+        "the bundled capture is missing", path=places[-1], mend="install dynhair again, or clone its repository"
+    )
+
+
+def run_demo(out: Path, *, resume: bool = False) -> None:
+    """Train preset ``tiny`` on the bundled capture and evaluate it, which says where the pictures are.
+
+    Args:
+        out: folder for the run and its evaluation.
+        resume: go on with an interrupted demo.
+    """
+    console = Console()
+    capture = sample_capture()
+    if not (out / "avatar" / "avatar.json").exists():
+        train(capture, out, preset("tiny"), resume=resume or (out / "run.json").exists(), console=console)
+    run_evaluation(out / "avatar", capture, out / "evaluation", console=console)

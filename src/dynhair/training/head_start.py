@@ -1,0 +1,197 @@
+"""The head's start: Gaussians on the tracked mesh, and networks that already move them as it moved."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from dynhair.avatar import Head, head_pose
+from dynhair.capture import Capture, HeadTrack, Segment
+from dynhair.config import HeadConfig
+from dynhair.errors import DynhairError
+
+FRAMES_PER_STEP = 4
+POINTS_PER_STEP = 2048
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """Points bound to a mesh: the same place on the skin in every frame.
+
+    Attributes:
+        corners: vertex indices of each point's triangle.
+        weights: barycentric coordinates.
+    """
+
+    corners: Int64[Tensor, "k 3"]
+    weights: Float[Tensor, "k 3"]
+
+    def positions(self, vertices: Float[Tensor, "v 3"]) -> Float[Tensor, "k 3"]:
+        """Where the points are when the mesh's vertices are at ``vertices``."""
+        return torch.einsum("kc,kcd->kd", self.weights, vertices[self.corners])
+
+
+def surface_points(vertices: Float[Tensor, "v 3"], faces: Int64[Tensor, "f 3"], count: int, seed: int) -> SurfacePoints:
+    """The mesh's own vertices and, between them, points spread evenly by area, ``count`` together.
+
+    A mesh of more vertices than ``count`` is thinned out evenly by index.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    corner_of_vertex = torch.zeros(len(vertices), dtype=torch.long)
+    slot_of_vertex = torch.zeros(len(vertices), dtype=torch.long)
+    used = torch.zeros(len(vertices), dtype=torch.bool)
+    for slot in range(3):
+        corner_of_vertex[faces[:, slot]] = torch.arange(len(faces))
+        slot_of_vertex[faces[:, slot]] = slot
+        used[faces[:, slot]] = True
+    chosen = torch.nonzero(used).squeeze(1)
+    if len(chosen) > count:
+        chosen = chosen[torch.linspace(0, len(chosen) - 1, count).long()]
+    at_vertices = torch.nn.functional.one_hot(slot_of_vertex[chosen], 3).float()
+
+    between = count - len(chosen)
+    edges = vertices[faces[:, 1:]] - vertices[faces[:, :1]]
+    area = torch.linalg.cross(edges[:, 0], edges[:, 1]).norm(dim=-1).double()
+    cumulative = area.cumsum(0)
+    # one sample in each of `between` equal shares of the area: more even than independent draws
+    shares = (torch.arange(between) + torch.rand(between, generator=generator)).double() / max(between, 1)
+    sampled = torch.searchsorted(cumulative, shares * cumulative[-1]).clamp_max(len(faces) - 1)
+    u, v = torch.rand(2, between, generator=generator)
+    root = u.sqrt()
+    weights = torch.stack([1 - root, root * (1 - v), root * v], -1)
+    return SurfacePoints(
+        torch.cat([faces[corner_of_vertex[chosen]], faces[sampled]]), torch.cat([at_vertices, weights])
+    )
+
+
+def start_head(capture: Capture, config: HeadConfig, seed: int) -> tuple[Head, SurfacePoints]:
+    """A head whose Gaussians lie on the tracked mesh of the capture's rest frame.
+
+    Raises:
+        DynhairError: the capture has no tracked mesh.
+    """
+    mesh = capture.mesh
+    if mesh is None:
+        raise DynhairError(
+            "the capture has no mesh.npz, the topology of its tracked vertices",
+            path=capture.path,
+            expected="mesh.npz with faces, scalp, follow and landmarks68",
+            mend="write the tracked mesh's topology beside its params/*/vertices.npy",
+        )
+    segment, index = rest_frame(capture)
+    track = capture.track(segment)
+    pose = head_pose(track, index)
+    to_head = head_frame(track, index)
+    vertices = to_head(torch.from_numpy(capture.vertices(segment.start + index)))
+    points = surface_points(vertices, torch.from_numpy(mesh.faces), config.gaussians, seed)
+    means = points.positions(vertices)
+    landmarks = to_head(torch.from_numpy(capture.landmarks_3d(segment.start + index)))
+    torch.manual_seed(seed)
+    head = Head(means, mean_spacing(means), landmarks, pose.translation, track.expressions.shape[1], config)
+    return head, points
+
+
+def fit_tracking(
+    head: Head,
+    points: SurfacePoints,
+    capture: Capture,
+    segments: Sequence[Segment],
+    *,
+    iterations: int,
+    seed: int,
+    progress: Callable[[int, int, float], None],
+) -> None:
+    """Fit the head's deformation networks to the tracked mesh, before any image is looked at.
+
+    Minimises the distance between the deformed Gaussians and their places on the tracked mesh, over random frames.
+
+    Args:
+        head: changed in place.
+        points: the Gaussians' places on the mesh.
+        capture: gives the tracked vertices.
+        segments: the training segments.
+        iterations: Adam steps.
+        seed: of the frames' order.
+        progress: called with the step, their number, and the root mean square distance in metres.
+    """
+    tracks = [capture.track(segment) for segment in segments]
+    parameters = [*head.expression_deformation.parameters(), *head.pose_deformation.parameters()]
+    optimizer = torch.optim.Adam(parameters, lr=2e-3)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, max(iterations, 1))
+    generator = torch.Generator().manual_seed(seed)
+
+    def draw(count: int) -> int:
+        return int(torch.randint(count, (1,), generator=generator))
+
+    for step in range(iterations):
+        loss = torch.zeros(())
+        rows = torch.randint(len(head.means), (POINTS_PER_STEP,), generator=generator)
+        chosen = SurfacePoints(points.corners[rows], points.weights[rows])
+        for _ in range(FRAMES_PER_STEP):
+            number = draw(len(segments))
+            index = draw(segments[number].count)
+            moved = head.deformed_means(head_pose(tracks[number], index), rows)
+            target = tracked_positions(capture, segments[number], index, chosen)
+            loss = loss + (moved - target).square().sum(-1).mean() / FRAMES_PER_STEP
+        optimizer.zero_grad(set_to_none=True)
+        (loss * 1e4).backward()
+        optimizer.step()
+        schedule.step()
+        progress(step + 1, iterations, float(loss.detach().sqrt()))
+
+
+def tracked_positions(capture: Capture, segment: Segment, index: int, points: SurfacePoints) -> Float[Tensor, "k 3"]:
+    """Where the surface points are in one frame of a segment, in the head frame, metres."""
+    vertices = torch.from_numpy(capture.vertices(segment.start + index))
+    return head_frame(capture.track(segment), index)(points.positions(vertices))
+
+
+def head_frame(track: HeadTrack, index: int) -> Callable[[Tensor], Tensor]:
+    """The map from world points to the head frame of one frame of a track."""
+    rotation = torch.from_numpy(track.rotations[index]).float()
+    translation = torch.from_numpy(track.translations[index]).float()
+    return lambda points: (points - translation) @ rotation
+
+
+def rest_frame(capture: Capture) -> tuple[Segment, int]:
+    """The training segment, and the index inside it, of the frame in which the hair is at rest.
+
+    Raises:
+        DynhairError: the capture has no training segment.
+    """
+    training = training_segments(capture)
+    for segment in training:
+        if capture.static_frame in segment.frames:
+            return segment, capture.static_frame - segment.start
+    return training[0], 0
+
+
+def training_segments(capture: Capture) -> list[Segment]:
+    """The segments that training may see.
+
+    Raises:
+        DynhairError: there are none.
+    """
+    training = [segment for segment in capture.segments if segment.split == "train"]
+    if not training:
+        raise DynhairError(
+            "the capture has no training segment",
+            path=capture.path,
+            expected="a segment with split 'train'",
+            mend="give a segment in capture.json the split 'train'",
+        )
+    return training
+
+
+def mean_spacing(points: Float[Tensor, "k 3"]) -> Float[Tensor, " k"]:
+    """Mean distance of each point to its three nearest neighbours: the Gaussians' initial size."""
+    from pykdtree.kdtree import KDTree
+
+    array = points.numpy()
+    distances, _ = KDTree(array).query(array, k=4)
+    return torch.from_numpy(np.asarray(distances)[:, 1:].mean(1)).float().clamp_min(1e-4)

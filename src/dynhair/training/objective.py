@@ -1,0 +1,115 @@
+"""The joint objective: hair and head drawn together, against the images (paper, "Joint Training and Losses")."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from dynhair.avatar import Avatar, AvatarImages, head_pose
+from dynhair.capture import Capture, Segment
+from dynhair.config import TrainingConfig
+from dynhair.losses import (
+    elastic_loss,
+    l1_loss,
+    orientation_loss,
+    penetration_loss,
+    sample_strand_points,
+    segmentation_loss,
+    segmentation_weight,
+    ssim_loss,
+)
+from dynhair.strands import MeshDistance
+from dynhair.training.batches import Batch
+from dynhair.training.head_start import SurfacePoints, tracked_positions
+
+
+@dataclass(frozen=True)
+class StepResult:
+    """What one step computed.
+
+    Attributes:
+        loss: the weighted sum.
+        terms: each term without its weight, detached.
+        images: what the avatar looks like from the batch's cameras.
+    """
+
+    loss: Float[Tensor, ""]
+    terms: dict[str, Tensor]
+    images: AvatarImages
+
+
+class JointObjective(nn.Module):
+    """The avatar under training and what it is compared with.
+
+    Args:
+        avatar: the model.
+        capture: gives tracks and tracked meshes.
+        segments: the training segments.
+        points: the head Gaussians' places on the tracked mesh.
+        config: weights, iterations, seed.
+    """
+
+    def __init__(
+        self,
+        avatar: Avatar,
+        capture: Capture,
+        segments: Sequence[Segment],
+        points: SurfacePoints,
+        config: TrainingConfig,
+    ) -> None:
+        super().__init__()
+        self.avatar = avatar
+        self.config = config
+        self._capture = capture
+        self._segments = segments
+        self._points = points
+        self._tracks = [capture.track(segment) for segment in segments]
+        with torch.no_grad():
+            self._conditions = [avatar.conditions(track) for track in self._tracks]
+        mesh = capture.mesh
+        assert mesh is not None
+        self._mesh = MeshDistance(torch.from_numpy(capture.vertices(segments[0].start)), torch.from_numpy(mesh.faces))
+
+    def forward(self, batch: Batch, step: int) -> StepResult:
+        """Draw the batch's frame and compare it with the images."""
+        config, weights = self.config, self.config.weights
+        segment = self._segments[batch.segment]
+        pose = head_pose(self._tracks[batch.segment], batch.index)
+        window = self.avatar.window(self._conditions[batch.segment], batch.index)
+        posed = self.avatar.posed(pose, window)
+        images = self.avatar.render(posed, batch.cameras)
+
+        self._mesh.refit(torch.from_numpy(self._capture.vertices(segment.start + batch.index)))
+        generator = torch.Generator().manual_seed(config.seed * 1_000_003 + step)
+        points = sample_strand_points(posed.strands, generator=generator)
+        rest = self.avatar.canonical_strands.detach()
+        tracked = tracked_positions(self._capture, segment, batch.index, self._points)
+        terms = {
+            "rgb": l1_loss(images.rgb, batch.rgb),
+            "ssim": ssim_loss(images.rgb, batch.rgb),
+            "segmentation": segmentation_loss(images.hair, batch.hair),
+            "body": l1_loss(images.body, batch.body),
+            "orientation": orientation_loss(
+                images.orientation, batch.orientation, images.hair, batch.hair, batch.coherence
+            ),
+            "penetration": penetration_loss(points, self._mesh),
+            "elastic": elastic_loss(posed.strands, rest),
+            "tracking": (posed.head.means - tracked).square().sum(-1).mean(),
+        }
+        decay = segmentation_weight(step, config.iterations, config.segmentation_warmup, config.segmentation_floor)
+        scale = {
+            "rgb": weights.rgb,
+            "ssim": weights.ssim,
+            "segmentation": weights.segmentation * decay,
+            "body": weights.body,
+            "orientation": weights.orientation,
+            "penetration": weights.penetration,
+            "elastic": weights.elastic,
+            "tracking": weights.tracking,
+        }
+        loss = torch.stack([scale[name] * term for name, term in terms.items()]).sum()
+        return StepResult(loss, {name: term.detach() for name, term in terms.items()}, images)

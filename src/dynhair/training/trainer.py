@@ -1,0 +1,218 @@
+"""Training, from a capture to an avatar: canonical hair, head, and both together."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from lightning_fabric import Fabric
+from rich.console import Console
+from torch import Tensor
+from torch.utils.tensorboard.writer import SummaryWriter
+
+from dynhair.avatar import Avatar, Hair
+from dynhair.avatar.mlp import quick_precision, use_precision
+from dynhair.capture import Capture
+from dynhair.config import Config, LearningRates
+from dynhair.errors import DynhairError
+from dynhair.motion import SignalNormalizer, motion_signals
+from dynhair.training.batches import Batches, load_batch
+from dynhair.training.checkpoint import Checkpoint
+from dynhair.training.head_start import SurfacePoints, fit_tracking, rest_frame, start_head, training_segments
+from dynhair.training.objective import JointObjective
+from dynhair.training.previews import preview_picture, write_preview
+from dynhair.training.progress import StageProgress
+from dynhair.training.run import Run
+from dynhair.training.static_hair import fit_canonical_hair, strand_width
+
+GRADIENT_NORM = 1.0  # of the deformer: a step early in training cannot throw the hair far
+
+
+def train(
+    capture: Path | str,
+    out: Path | str,
+    config: Config | None = None,
+    *,
+    resume: bool = False,
+    console: Console | None = None,
+) -> Avatar:
+    """Train an avatar on a capture.
+
+    Every state of the run lies in ``out``: after a kill at any moment, ``resume`` goes on and ends with the same avatar
+    as an uninterrupted run on the same machine.
+
+    Args:
+        capture: the capture's folder; training reads its training segments alone, and never its ground truth.
+        out: the run's folder; the avatar is written to its ``avatar``.
+        config: sizes, iterations, weights; preset ``small`` by default. A resumed run keeps its own.
+        resume: go on with the run in ``out``.
+        console: where progress is shown.
+
+    Returns:
+        The trained avatar.
+
+    Raises:
+        DynhairError: the capture does not have what training needs, or ``out`` is taken, or is no run to resume.
+    """
+    out, console = Path(out), console or Console()
+    data = Capture.open(capture)
+    if resume:
+        run = Run.open(out)
+        if run.capture != data.path.resolve():
+            raise DynhairError(
+                f"the run was trained on {run.capture}", path=out, expected=str(data.path), mend="name that capture"
+            )
+    else:
+        run = Run.create(out, data.path, _with_precision(config or Config()))
+    with StageProgress(console).shown() as progress:
+        return _Training(run, data, progress, console).finish()
+
+
+def _with_precision(config: Config) -> Config:
+    """The configuration with ``auto`` precision decided, so that a resumed run computes as it began."""
+    if config.training.precision != "auto":
+        return config
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    precision = "bfloat16" if quick_precision(device) == torch.bfloat16 else "float32"
+    return dataclasses.replace(config, training=dataclasses.replace(config.training, precision=precision))
+
+
+class _Training:
+    """One run's stages, each skipped where the run has its result already."""
+
+    def __init__(self, run: Run, capture: Capture, progress: StageProgress, console: Console) -> None:
+        self.run, self.capture, self.progress, self.console = run, capture, progress, console
+        self.config = run.config
+        self.segments = training_segments(capture)
+        self.fabric = Fabric(accelerator="auto", devices=1)
+        self._precision = {"bfloat16": torch.bfloat16}.get(self.config.training.precision)
+
+    def finish(self) -> Avatar:
+        avatar, points, checkpoint = self._start()
+        objective = JointObjective(avatar, self.capture, self.segments, points, self.config.training)
+        self._train_jointly(objective, checkpoint)
+        avatar = objective.avatar.eval()
+        avatar.save(self.run.avatar)
+        return avatar
+
+    def _start(self) -> tuple[Avatar, SurfacePoints, Checkpoint | None]:
+        """The avatar before the joint training, or as the checkpoint left it."""
+        strands = self.run.read_canonical_hair()
+        if strands is None:
+            strands = self._canonical_hair()
+            self.run.write_canonical_hair(strands)
+        seed = self.config.training.seed
+        head, points = start_head(self.capture, self.config.head, seed)
+        use_precision(head, self._precision)
+        checkpoint = Checkpoint.read(self.run.checkpoint) if self.run.checkpoint.exists() else None
+        if checkpoint is None:
+            iterations = self.config.head.tracking_iterations
+            stage = self.progress.stage("head follows the tracking", iterations)
+            fit_tracking(
+                head,
+                points,
+                self.capture,
+                self.segments,
+                iterations=iterations,
+                seed=seed,
+                progress=lambda step, _, error: stage.update(step, f"{error * 1e3:.1f} mm"),
+            )
+        torch.manual_seed(seed + 1)
+        hair = Hair(strands, strand_width(len(strands)), self._hair_colour(), self.config.hair.deformer)
+        use_precision(hair, self._precision)
+        normalizer = SignalNormalizer.fit([motion_signals(self.capture.track(s)) for s in self.segments])
+        background = torch.from_numpy(self.capture.background).float()
+        return Avatar(hair, head, normalizer, background), points, checkpoint
+
+    def _canonical_hair(self) -> Float[Tensor, "n l 3"]:
+        hair = self.config.hair
+        stage = self.progress.stage("canonical hair", 1)
+        return fit_canonical_hair(
+            self.capture,
+            strand_count=hair.strands,
+            points=hair.points,
+            iterations=hair.static_iterations,
+            seed=self.config.training.seed,
+            progress=lambda step, total, loss: stage.update(step, f"loss {loss:.4f}", total=total),
+        )
+
+    def _hair_colour(self) -> Float[Tensor, "3"]:
+        """The mean colour of pixels that are all hair, in the rest frame."""
+        segment, index = rest_frame(self.capture)
+        size = self.config.training.image_size
+        batch = load_batch(self.capture, [segment], 0, index, self.capture.camera_names, size)
+        inside = batch.hair > 0.9
+        return batch.rgb[inside].mean(0) if inside.any() else torch.full((3,), 0.3)
+
+    def _train_jointly(self, objective: JointObjective, checkpoint: Checkpoint | None) -> None:
+        settings = self.config.training
+        optimizer = joint_optimizer(objective.avatar, settings.rates)
+        first = 0
+        if checkpoint is not None:
+            checkpoint.restore(objective, optimizer)
+            first = checkpoint.step
+        rates = [group["lr"] for group in optimizer.param_groups]
+        model, fabric_optimizer = self.fabric.setup(objective, optimizer)
+        batches = Batches(
+            self.capture, self.segments, views=settings.views, image_size=settings.image_size, seed=settings.seed
+        )
+        stage = self.progress.stage("hair and head together", settings.iterations, first)
+        done, began = first, time.monotonic()
+        with SummaryWriter(self.run.log, purge_step=first) as log:
+            try:
+                for step, batch in enumerate(batches.from_step(first, settings.iterations), first):
+                    for group, rate in zip(optimizer.param_groups, rates, strict=True):
+                        group["lr"] = rate * decay(step, settings.iterations)
+                    result = model(batch, step)
+                    fabric_optimizer.zero_grad(set_to_none=True)
+                    self.fabric.backward(result.loss)
+                    torch.nn.utils.clip_grad_norm_(objective.avatar.hair.deformer.parameters(), GRADIENT_NORM)
+                    fabric_optimizer.step()
+                    done = step + 1
+                    if done % 10 == 0 or done == settings.iterations:
+                        loss, speed = float(result.loss.detach()), (done - first) / (time.monotonic() - began)
+                        stage.update(done, f"loss {loss:.4f}, {speed:.1f} it/s")
+                        log.add_scalar("loss", loss, done)
+                        log.add_scalar("iterations per second", speed, done)
+                        for name, term in result.terms.items():
+                            log.add_scalar(f"terms/{name}", float(term), done)
+                    if done % settings.preview_every == 0:
+                        picture = preview_picture(result.images, batch)
+                        log.add_image("truth above, avatar below", picture, done, dataformats="HWC")
+                        write_preview(picture, self.run.preview)
+                    if done % settings.checkpoint_every == 0 or done == settings.iterations:
+                        Checkpoint.of(done, objective, optimizer).write(self.run.checkpoint)
+            except KeyboardInterrupt:
+                Checkpoint.of(done, objective, optimizer).write(self.run.checkpoint)
+                self.console.print(f"Stopped at step {done}; go on with --resume.", highlight=False)
+                raise
+
+
+def joint_optimizer(avatar: Avatar, rates: LearningRates) -> torch.optim.Adam:
+    """Adam with a learning rate for each kind of parameter."""
+    hair, head = avatar.hair, avatar.head
+    own = {
+        "strands": hair.strands,
+        "hair_colour": hair.harmonics,
+        "head_means": head.means,
+        "head_features": head.features,
+        "head_scales": head.log_scales,
+        "head_rotations": head.quats,
+        "head_opacity": head.opacity_logits,
+        "head_colour": head.base_colours,
+    }
+    taken = {id(parameter) for parameter in own.values()}
+    groups = [{"params": [parameter], "lr": getattr(rates, name)} for name, parameter in own.items()]
+    groups.append({"params": list(hair.deformer.parameters()), "lr": rates.deformer})
+    networks = [parameter for parameter in head.parameters() if id(parameter) not in taken]
+    groups.append({"params": networks, "lr": rates.head_networks})
+    return torch.optim.Adam(groups, eps=1e-15, fused=True)
+
+
+def decay(step: int, iterations: int) -> float:
+    """The factor on all learning rates: a cosine from 1 to a twentieth."""
+    return 0.05 + 0.95 * 0.5 * (1 + math.cos(math.pi * step / iterations))
