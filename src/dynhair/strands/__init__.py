@@ -1,0 +1,31 @@
+"""Hair strands: polylines ``(N, L, 3)`` in metres, root first, and the scalp they grow on."""
+
+from dynhair.strands.collision import MeshDistance
+from dynhair.strands.gaussians import StrandGaussians, root_taper, strand_gaussians
+from dynhair.strands.geometry import (
+    bending_angles,
+    resample_strands,
+    segment_lengths,
+    smooth_strands,
+    strand_lengths,
+)
+from dynhair.strands.orientation import decode_orientation, encode_orientation, projected_orientation
+from dynhair.strands.scalp import Roots, root_neighbours, sample_roots
+
+__all__ = [
+    "MeshDistance",
+    "Roots",
+    "StrandGaussians",
+    "bending_angles",
+    "decode_orientation",
+    "encode_orientation",
+    "projected_orientation",
+    "resample_strands",
+    "root_neighbours",
+    "root_taper",
+    "sample_roots",
+    "segment_lengths",
+    "smooth_strands",
+    "strand_gaussians",
+    "strand_lengths",
+]

@@ -1,0 +1,67 @@
+"""Undirected 2D orientations of strands in the image.
+
+An orientation is an angle in [0, 1) of pi, from +x towards +y, image y down. Angles that wrap cannot be averaged or
+blended; their doubled angles ``(cos 2a, sin 2a)`` can.
+"""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from dynhair.camera import Camera
+
+END_ON = 1e-3
+"""Radians to the line of sight below which a direction has hardly an orientation in the image."""
+
+NEGLIGIBLE_MAGNITUDE = 1e-3
+"""Of a blended doubled angle, below which it does not pull on the strands."""
+
+
+def projected_orientation(
+    means: Float[Tensor, "n 3"], directions: Float[Tensor, "n 3"], camera: Camera
+) -> Float[Tensor, "n 2"]:
+    """Doubled angles of directions in space as the camera sees them.
+
+    A direction is carried into the image by the exact differential of the perspective projection at its mean. The
+    result is a unit vector that fades to zero, with bounded gradients and no change of angle, for a direction that
+    points at the camera.
+
+    Args:
+        means: where the directions are, world, metres.
+        directions: unit directions, world; their signs do not matter.
+        camera: the view.
+
+    Returns:
+        ``(cos 2a, sin 2a)``.
+    """
+    rotation = camera.w2c[:, :3]
+    x, y, z = (means @ rotation.T + camera.w2c[:, 3]).unbind(-1)
+    dx, dy, dz = (directions @ rotation.T).unbind(-1)
+    # The differential times z^2 / fx: the scale is of no importance, and nothing is divided by the depth.
+    across = dx * z - x * dz
+    down = (dy * z - y * dz) * (camera.K[1, 1] / camera.K[0, 0])
+    across2, down2 = across * across, down * down
+    scale = 1 / (across2 + down2 + END_ON**2 * (x * x + y * y + z * z))
+    return torch.stack([(across2 - down2) * scale, 2 * across * down * scale], dim=-1)
+
+
+def encode_orientation(orientation: Float[Tensor, "*n"]) -> Float[Tensor, "*n 2"]:
+    """Angles of pi to doubled angles ``(cos 2a, sin 2a)``."""
+    return torch.stack([torch.cos(2 * torch.pi * orientation), torch.sin(2 * torch.pi * orientation)], dim=-1)
+
+
+def decode_orientation(doubled: Float[Tensor, "*n 2"]) -> Float[Tensor, "*n"]:
+    """Doubled angles of any magnitude, such as blended ones, to angles in [0, 1) of pi.
+
+    The angle's gradient grows as the magnitude falls, without bound. Where the magnitude is negligible, for want of
+    hair or because strands that cross cancel out, the gradient is zero.
+    """
+    cosine, sine = doubled.unbind(-1)
+    negligible = cosine * cosine + sine * sine < NEGLIGIBLE_MAGNITUDE**2
+    cosine, sine = (torch.where(negligible, part.detach(), part) for part in (cosine, sine))
+    turns = torch.atan2(sine, cosine) / (2 * torch.pi)
+    wrapped = torch.where(turns < 0, turns + 1, turns)
+    # Just below zero, a turn added rounds to one.
+    return torch.where(wrapped < 1, wrapped, 0.0)
