@@ -1,7 +1,8 @@
 """Images of a capture as 8-bit arrays, and the encoding of orientation maps.
 
-An orientation map is a grey image with alpha. Luminance ``l`` stands for the angle ``l / 256`` of pi; alpha holds the
-coherence in 16 steps: its upper four bits, 0 to 15, stand for 0 to 1. The lower four bits are ignored.
+An orientation map is a grey image with alpha, or one with a palette of such colours. Luminance ``l`` stands for the
+angle ``l / 256`` of pi; alpha holds the coherence in 16 steps: its upper four bits, 0 to 15, stand for 0 to 1, and the
+lower four are ignored.
 """
 
 from __future__ import annotations
@@ -96,12 +97,14 @@ def read_mask(path: Path) -> UInt8[np.ndarray, "h w"]:
 def read_orientation(path: Path) -> UInt8[np.ndarray, "h w 2"]:
     """Read an orientation map as luminance and alpha."""
     with _opened(path) as image:
+        if image.mode == "P" and "transparency" in image.info:
+            return np.array(image.convert("RGBA"))[..., [0, 3]]
         if image.mode != "LA":
             raise DynhairError(
                 f"an orientation map of mode {image.mode}",
                 path=path,
                 expected="LA: angle as luminance, coherence as alpha",
-                mend="write it as a grey PNG with alpha",
+                mend="write it as a grey PNG with alpha, or with a palette of such colours",
             )
         return np.array(image)
 

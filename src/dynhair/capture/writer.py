@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from PIL import Image
 from scipy.spatial.transform import Rotation
 from torch import Tensor
@@ -49,11 +49,13 @@ class CaptureWriter:
 
     Args:
         root: the capture's folder.
+        manifest: what the capture is.
         coding: how images are stored.
     """
 
-    def __init__(self, root: Path, coding: ImageCoding) -> None:
+    def __init__(self, root: Path, manifest: Manifest, coding: ImageCoding) -> None:
         self.layout = Layout(root)
+        self.manifest = manifest
         self.coding = coding
 
     @classmethod
@@ -77,7 +79,7 @@ class CaptureWriter:
         if problems := manifest_problems(manifest.to_json(), path / "capture.json"):
             raise problems[0]
         with atomic_folder(path) as folder:
-            yield cls(folder, coding or ImageCoding())
+            yield cls(folder, manifest, coding or ImageCoding())
             write_json(folder / "capture.json", manifest.to_json())
 
     def write_view(self, frame: int, name: str, camera: Camera, view: View) -> None:
@@ -164,7 +166,17 @@ class CaptureWriter:
                 angle_step=coding.angle_step,
                 coherence_levels=coding.coherence_levels,
             )
-            Image.fromarray(pixels).save(folder / f"orient_{name}.png", optimize=True)
+            _save_orientation(folder / f"orient_{name}.png", pixels)
+
+
+def _save_orientation(path: Path, pixels: UInt8[np.ndarray, "h w 2"]) -> None:
+    distinct, index = np.unique(pixels.reshape(-1, 2), axis=0, return_inverse=True)
+    if len(distinct) > 256:
+        Image.fromarray(pixels).save(path, optimize=True)
+        return
+    image = Image.fromarray(index.reshape(pixels.shape[:2]).astype(np.uint8))
+    image.putpalette(np.repeat(distinct[:, :1], 3, 1).ravel().tolist())
+    image.save(path, optimize=True, transparency=distinct[:, 1].tobytes())
 
 
 def _save_mask(path: Path, mask: Float[Tensor, "h w"], levels: int) -> None:
