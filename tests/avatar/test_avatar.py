@@ -1,0 +1,152 @@
+"""The avatar as a whole: posing, drawing, storing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from dynhair.avatar import Avatar, Hair, Head, head_pose
+from dynhair.avatar.avatar import multiply_quaternions, rotation_quaternion
+from dynhair.camera import Camera
+from dynhair.capture import HeadTrack
+from dynhair.config import DeformerConfig, HeadConfig
+from dynhair.errors import DynhairError
+from dynhair.motion import SignalNormalizer
+
+FRAMES = 5
+
+
+def head_track(rotations: np.ndarray | None = None, translation: tuple[float, float, float] = (0, 0.7, 0)) -> HeadTrack:
+    if rotations is None:
+        rotations = Rotation.from_euler("y", np.linspace(0, 1, FRAMES)[:, None]).as_matrix()
+    return HeadTrack(
+        rotations=rotations,
+        translations=np.tile(np.array(translation, np.float64), (FRAMES, 1)),
+        expressions=np.random.default_rng(0).random((FRAMES, 4), np.float32),
+        fps=10.0,
+        gravity=np.array([0, -9.81, 0.0]),
+    )
+
+
+@pytest.fixture
+def avatar() -> Avatar:
+    torch.manual_seed(0)
+    roots = torch.nn.functional.normalize(torch.randn(20, 3), dim=1) * 0.1
+    strands = roots[:, None] + torch.linspace(0, 0.1, 8)[None, :, None] * torch.tensor([0.0, -1.0, 0.3])
+    hair = Hair(strands, 0.002, torch.tensor([0.4, 0.2, 0.1]), DeformerConfig(hidden=8, width=16, history=2))
+    means = torch.nn.functional.normalize(torch.randn(100, 3), dim=1) * 0.09
+    config = HeadConfig(gaussians=100, features=4, deformation_width=8, appearance_width=8)
+    head = Head(means, torch.full((100,), 0.01), means[:5], torch.tensor([0.0, 0.7, 0.0]), 4, config)
+    avatar = Avatar(hair, head, SignalNormalizer(torch.ones(3), torch.ones(3)), torch.tensor([0.1, 0.2, 0.3]))
+    with torch.no_grad():
+        for parameter in avatar.hair.deformer.mlp.parameters():
+            parameter.copy_(torch.randn_like(parameter) * 0.2)
+    return avatar
+
+
+def front_camera(size: int = 40) -> Camera:
+    w2c = torch.tensor([[1.0, 0, 0, 0], [0, -1, 0, 0.7], [0, 0, -1, 0.8]])
+    return Camera(w2c, torch.tensor([[80.0, 0, size / 2], [0, 80, size / 2], [0, 0, 1]]), size, size)
+
+
+def test_moving_hair_differs_from_rigid_hair_and_both_follow_the_head(avatar: Avatar) -> None:
+    track = head_track()
+    pose = head_pose(track, 3)
+    rigid = avatar.pose(track, 3, rigid_hair=True).strands
+    torch.testing.assert_close(rigid, avatar.canonical_strands @ pose.rotation.T + pose.translation)
+    moving = avatar.pose(track, 3).strands
+    expected = avatar.deformed_strands(track, [3])[0] @ pose.rotation.T + pose.translation
+    torch.testing.assert_close(moving, expected)
+    assert (moving - rigid).abs().max() > 1e-4
+
+
+def test_images_show_labels_background_and_hair_direction(avatar: Avatar) -> None:
+    images = avatar.render(avatar.pose(head_track(), 0), [front_camera(), front_camera()])
+    assert images.rgb.shape == (2, 40, 40, 3)
+    torch.testing.assert_close(images.rgb[0, 0, 0], avatar.background)
+    torch.testing.assert_close(images.hair + images.body, images.alpha)
+    assert torch.equal(images.rgb[0], images.rgb[1])
+    seen = images.hair[0] > 0.5
+    assert seen.any()
+    down = (images.orientation[0][seen] - 0.5).abs()
+    assert down.median() < 0.1
+
+
+def test_drawing_is_differentiable_in_every_parameter(avatar: Avatar) -> None:
+    images = avatar.render(avatar.pose(head_track(), 2), [front_camera()])
+    (images.rgb.square().sum() + images.direction.square().sum() + images.hair.sum()).backward()
+    for name, parameter in avatar.named_parameters():
+        assert parameter.grad is not None, name
+        assert torch.isfinite(parameter.grad).all(), name
+
+
+def test_turning_everything_with_the_camera_changes_no_label(avatar: Avatar) -> None:
+    turn = Rotation.from_euler("y", 0.7).as_matrix()
+    still = np.tile(np.eye(3), (FRAMES, 1, 1))
+    plain, turned = head_track(still), head_track(turn @ still)
+    camera = front_camera()
+    moved = torch.from_numpy(turn).float()
+    shift = torch.tensor([0.0, 0.7, 0.0])
+    # turn the camera about the head's centre together with the head
+    rotation = camera.w2c[:, :3] @ moved.T
+    offset = camera.w2c[:, 3] + camera.w2c[:, :3] @ shift - rotation @ shift
+    other = Camera(torch.cat([rotation, offset[:, None]], 1), camera.K, camera.width, camera.height)
+    a = avatar.render(avatar.pose(plain, 0, rigid_hair=True), [camera])
+    b = avatar.render(avatar.pose(turned, 0, rigid_hair=True), [other])
+    torch.testing.assert_close(a.hair, b.hair, atol=2e-2, rtol=0)
+
+
+def test_an_avatar_survives_its_folder(avatar: Avatar, tmp_path: Path) -> None:
+    track = head_track()
+    expected = avatar.eval().render(avatar.pose(track, 2), [front_camera()])
+    avatar.save(tmp_path / "a")
+    loaded = Avatar.load(tmp_path / "a")
+    actual = loaded.render(loaded.pose(track, 2), [front_camera()])
+    assert torch.equal(actual.rgb, expected.rgb)
+    assert loaded.hair.width == avatar.hair.width
+    avatar.save(tmp_path / "a")
+    assert sorted(p.name for p in (tmp_path / "a").iterdir()) == ["avatar.json", "avatar.safetensors"]
+
+
+def test_damaged_avatars_are_named(avatar: Avatar, tmp_path: Path) -> None:
+    def damaged(name: str, change) -> None:  # noqa: ANN001
+        avatar.save(tmp_path / "a")
+        change(tmp_path / "a" / name)
+        with pytest.raises(DynhairError) as caught:
+            Avatar.load(tmp_path / "a")
+        assert name in str(caught.value)
+
+    damaged("avatar.json", lambda p: p.unlink())
+    damaged("avatar.json", lambda p: p.write_text(json.dumps({"kind": "dynhair avatar", "version": 99})))
+    damaged("avatar.safetensors", lambda p: p.unlink())
+    damaged("avatar.safetensors", lambda p: p.write_bytes(p.read_bytes()[:-10]))
+    damaged("avatar.safetensors", lambda p: p.write_bytes(b"\x80\x04pickle"))
+
+    def rewrite(path: Path) -> None:
+        description = json.loads(path.with_name("avatar.json").read_text())
+        description["expression_size"] = 7
+        path.with_name("avatar.json").write_text(json.dumps(description))
+
+    damaged("avatar.safetensors", rewrite)
+    with pytest.raises(DynhairError, match="no such folder"):
+        Avatar.load(tmp_path / "none")
+
+
+def test_quaternions_are_scipys() -> None:
+    rotations = Rotation.random(6, rng=0)
+    wxyz = torch.from_numpy(np.roll(rotations.as_quat(), 1, axis=1))
+    product = multiply_quaternions(wxyz[0], wxyz[1:])
+    expected = np.roll((rotations[0] * rotations[1:]).as_quat(), 1, axis=1)
+    sign = np.sign((product.numpy() * expected).sum(1, keepdims=True))
+    np.testing.assert_allclose(product.numpy(), expected * sign, atol=1e-12)
+    track = head_track(rotations.as_matrix()[:FRAMES])
+    for frame in range(FRAMES):
+        own = rotation_quaternion(head_pose(track, frame)).double().numpy()
+        assert abs(abs(own @ wxyz[frame].numpy()) - 1) < 1e-6
+    identity = rotation_quaternion(head_pose(head_track(np.tile(np.eye(3), (FRAMES, 1, 1))), 0))
+    torch.testing.assert_close(identity, torch.tensor([1.0, 0, 0, 0]))

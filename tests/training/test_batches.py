@@ -1,0 +1,77 @@
+"""The order of training frames, and their images."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from dynhair.capture import Capture
+from dynhair.training.batches import Batches
+from dynhair.training.head_start import training_segments
+from tests.synthetic import write_synthetic_capture
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Capture:
+    path = tmp_path_factory.mktemp("data") / "capture"
+    write_synthetic_capture(path, frames=5, views=3, size=32, motions=("turn:train", "tilt:train", "nod:test"))
+    return Capture.open(path)
+
+
+def batches(capture: Capture, *, seed: int = 0, image_size: int = 32) -> Batches:
+    return Batches(capture, training_segments(capture), views=2, image_size=image_size, seed=seed)
+
+
+def test_every_frame_comes_once_an_epoch_and_no_test_frame_ever(capture: Capture) -> None:
+    source = batches(capture)
+    for epoch in range(3):
+        seen = [source.choice(step)[:2] for step in range(10 * epoch, 10 * (epoch + 1))]
+        assert sorted(seen) == [(s, i) for s in range(2) for i in range(5)]
+    assert {segment.name for segment in source.segments} == {"turn", "tilt"}
+
+
+def test_a_step_is_a_function_of_seed_and_step_alone(capture: Capture) -> None:
+    one, other = batches(capture), batches(capture)
+    assert [one.choice(s) for s in range(7, 12)] == [other.choice(s) for s in (7, 8, 9, 10, 11)]
+    assert [one.choice(s) for s in range(12)] != [batches(capture, seed=1).choice(s) for s in range(12)]
+
+
+def test_views_of_a_step_differ(capture: Capture) -> None:
+    for step in range(20):
+        names = batches(capture).choice(step)[2]
+        assert len(set(names)) == 2
+
+
+def test_reading_ahead_gives_the_same_batches(capture: Capture) -> None:
+    source = batches(capture)
+    for step, batch in zip(range(3, 7), source.from_step(3, 7), strict=True):
+        expected = source.batch(step)
+        assert (batch.segment, batch.index) == (expected.segment, expected.index)
+        assert torch.equal(batch.rgb, expected.rgb)
+
+
+def test_images_are_the_captures(capture: Capture) -> None:
+    source = batches(capture)
+    segment, index, names = source.choice(0)
+    frame = source.segments[segment].start + index
+    view = capture.view(frame, names[1])
+    batch = source.batch(0)
+    assert view.hair is not None
+    assert torch.equal(batch.rgb[1], view.rgb)
+    assert torch.equal(batch.hair[1], view.hair)
+    assert torch.equal(batch.body[1], (view.mask - view.hair).clamp_min(0))
+
+
+def test_smaller_training_images_keep_colours_and_angles(capture: Capture) -> None:
+    full, half = batches(capture).batch(0), batches(capture, image_size=16).batch(0)
+    assert half.rgb.shape == (2, 16, 16, 3)
+    assert (half.cameras[0].width, half.cameras[0].height) == (16, 16)
+    torch.testing.assert_close(half.rgb.mean((1, 2)), full.rgb.mean((1, 2)))
+    blocks = full.orientation.unfold(1, 2, 2).unfold(2, 2, 2).flatten(3)
+    trusted = full.coherence.unfold(1, 2, 2).unfold(2, 2, 2).flatten(3)
+    agreed = (blocks.amax(-1) - blocks.amin(-1) < 0.05) & (trusted.amin(-1) > 0.5) & (blocks.amin(-1) > 0.1)
+    difference = (half.orientation - blocks.mean(-1)).abs()
+    assert agreed.any()
+    assert difference[agreed].max() < 0.05

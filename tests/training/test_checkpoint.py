@@ -1,0 +1,54 @@
+"""Checkpoints: exact resumption, and refusal of what is none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from dynhair.errors import DynhairError
+from dynhair.training.checkpoint import Checkpoint
+
+
+def model_and_optimizer() -> tuple[torch.nn.Module, torch.optim.Optimizer]:
+    torch.manual_seed(0)
+    model = torch.nn.Sequential(torch.nn.Linear(3, 4), torch.nn.Tanh(), torch.nn.Linear(4, 1))
+    groups = [{"params": list(part.parameters()), "lr": rate} for part, rate in ((model[0], 1e-2), (model[2], 1e-3))]
+    return model, torch.optim.Adam(groups, fused=True)
+
+
+def steps(model: torch.nn.Module, optimizer: torch.optim.Optimizer, first: int, stop: int) -> None:
+    for step in range(first, stop):
+        x = torch.randn(8, 3, generator=torch.Generator().manual_seed(step))
+        optimizer.zero_grad()
+        model(x).square().mean().backward()
+        optimizer.step()
+
+
+def test_a_restored_run_ends_bit_for_bit_like_an_uninterrupted_one(tmp_path: Path) -> None:
+    whole = model_and_optimizer()
+    steps(*whole, 0, 9)
+
+    first = model_and_optimizer()
+    steps(*first, 0, 4)
+    Checkpoint.of(4, *first).write(tmp_path / "c.safetensors")
+    second = model_and_optimizer()
+    checkpoint = Checkpoint.read(tmp_path / "c.safetensors")
+    checkpoint.restore(*second)
+    steps(*second, checkpoint.step, 9)
+    for name, value in whole[0].state_dict().items():
+        assert torch.equal(value, second[0].state_dict()[name])
+
+
+@pytest.mark.parametrize("content", [b"", b"\x80\x04", b"x" * 100])
+def test_what_is_no_checkpoint_is_named(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "c.safetensors"
+    path.write_bytes(content)
+    with pytest.raises(DynhairError, match="not a checkpoint"):
+        Checkpoint.read(path)
+
+
+def test_a_missing_checkpoint_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DynhairError, match="missing"):
+        Checkpoint.read(tmp_path / "c.safetensors")

@@ -1,0 +1,83 @@
+"""The head's start on the tracked mesh."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from dynhair.capture import Capture
+from dynhair.config import HeadConfig
+from dynhair.errors import DynhairError
+from dynhair.training.head_start import (
+    fit_tracking,
+    start_head,
+    surface_points,
+    tracked_positions,
+    training_segments,
+)
+from tests.synthetic import write_synthetic_capture
+
+CONFIG = HeadConfig(gaussians=600, features=4, deformation_width=16, appearance_width=8)
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Capture:
+    path = tmp_path_factory.mktemp("data") / "capture"
+    write_synthetic_capture(path, frames=5, views=2, size=32)
+    return Capture.open(path)
+
+
+def two_triangles() -> tuple[torch.Tensor, torch.Tensor]:
+    """A triangle of area 1/2 and one of area 3/2, in two planes."""
+    vertices = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 5], [3, 0, 5], [0, 1, 5]])
+    return vertices, torch.tensor([[0, 1, 2], [3, 4, 5]])
+
+
+def test_points_hold_the_vertices_and_cover_faces_by_area() -> None:
+    vertices, faces = two_triangles()
+    points = surface_points(vertices, faces, 1006, seed=0)
+    positions = points.positions(vertices)
+    assert positions.shape == (1006, 3)
+    torch.testing.assert_close(positions[:6], vertices)
+    between = positions[6:]
+    assert abs(int((between[:, 2] == 5).sum()) - 750) <= 1
+    near = between[between[:, 2] == 0]
+    assert (near[:, :2] >= -1e-6).all()
+    assert (near[:, :2].sum(1) <= 1 + 1e-6).all()
+    torch.testing.assert_close(near[:, :2].mean(0), torch.full((2,), 1 / 3), atol=0.03, rtol=0)
+
+
+def test_fewer_points_than_vertices_thin_them_out() -> None:
+    vertices, faces = two_triangles()
+    positions = surface_points(vertices, faces, 3, seed=0).positions(vertices)
+    assert len({tuple(p.tolist()) for p in positions}) == 3
+    assert torch.cdist(positions, vertices).amin(1).max() == 0
+
+
+def test_points_move_with_the_mesh() -> None:
+    vertices, faces = two_triangles()
+    points = surface_points(vertices, faces, 50, seed=0)
+    torch.testing.assert_close(points.positions(vertices * 2 + 1), points.positions(vertices) * 2 + 1)
+
+
+def test_fitting_brings_the_head_closer_to_its_tracking(capture: Capture) -> None:
+    head, points = start_head(capture, CONFIG, 0)
+    segments = training_segments(capture)
+    errors: list[float] = []
+    fit_tracking(
+        head, points, capture, segments, iterations=150, seed=0, progress=lambda _s, _t, error: errors.append(error)
+    )
+    assert len(errors) == 150
+    assert np.mean(errors[-10:]) < 0.5 * np.mean(errors[:10])
+    target = tracked_positions(capture, segments[0], 0, points)
+    assert (head.means.detach() - target).norm(dim=1).max() < 1e-5
+
+
+def test_a_capture_without_a_mesh_is_refused(capture: Capture, tmp_path: Path) -> None:
+    write_synthetic_capture(tmp_path / "c", frames=2, views=2, size=16)
+    (tmp_path / "c" / "mesh.npz").unlink()
+    with pytest.raises(DynhairError, match=r"mesh\.npz"):
+        start_head(Capture.open(tmp_path / "c"), CONFIG, 0)

@@ -1,0 +1,57 @@
+"""Run folders."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import torch
+
+from dynhair.config import preset
+from dynhair.errors import DynhairError
+from dynhair.training.run import Run, avatar_folder, trained_capture
+
+
+def test_a_run_opens_as_it_was_created(tmp_path: Path) -> None:
+    created = Run.create(tmp_path / "run", tmp_path / "capture", preset("tiny"))
+    opened = Run.open(tmp_path / "run")
+    assert opened == created
+    assert opened.read_canonical_hair() is None
+    strands = torch.randn(3, 4, 3)
+    created.write_canonical_hair(strands)
+    kept = opened.read_canonical_hair()
+    assert kept is not None
+    assert torch.equal(kept, strands)
+
+
+def test_a_taken_folder_is_refused_and_kept(tmp_path: Path) -> None:
+    (tmp_path / "precious").touch()
+    with pytest.raises(DynhairError, match="something already"):
+        Run.create(tmp_path, tmp_path, preset("tiny"))
+    assert [p.name for p in tmp_path.iterdir()] == ["precious"]
+
+
+def test_no_run_and_a_later_version_are_named(tmp_path: Path) -> None:
+    with pytest.raises(DynhairError, match="missing"):
+        Run.open(tmp_path)
+    (tmp_path / "run.json").write_text(json.dumps({"kind": "dynhair run", "version": 99}))
+    with pytest.raises(DynhairError, match="version 99"):
+        Run.open(tmp_path)
+
+
+def test_damaged_canonical_hair_is_named(tmp_path: Path) -> None:
+    run = Run.create(tmp_path / "run", tmp_path, preset("tiny"))
+    (run.path / "canonical_hair.safetensors").write_bytes(b"not safetensors")
+    with pytest.raises(DynhairError, match="canonical_hair"):
+        run.read_canonical_hair()
+
+
+def test_avatars_are_found_by_run_or_folder(tmp_path: Path) -> None:
+    run = Run.create(tmp_path / "run", tmp_path / "capture", preset("tiny"))
+    assert avatar_folder(run.path) == run.avatar
+    assert avatar_folder(run.avatar) == run.avatar
+    run.avatar.mkdir()
+    assert trained_capture(run.path) == trained_capture(run.avatar) == (tmp_path / "capture").resolve()
+    with pytest.raises(DynhairError, match="--capture"):
+        trained_capture(tmp_path / "elsewhere")

@@ -1,0 +1,169 @@
+"""Training end to end on a tiny capture: it learns, it resumes exactly, it refuses what it cannot train on."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import safetensors.torch
+import torch
+from rich.console import Console
+
+from dynhair.avatar import Avatar
+from dynhair.capture import Capture
+from dynhair.config import (
+    Config,
+    DeformerConfig,
+    HairConfig,
+    HeadConfig,
+    TrainingConfig,
+    write_config,
+)
+from dynhair.errors import DynhairError
+from dynhair.training import train
+from dynhair.training.run import Run
+from tests.synthetic import write_synthetic_capture
+
+CONFIG = Config(
+    hair=HairConfig(strands=60, points=10, static_iterations=8, deformer=DeformerConfig(hidden=8, width=16)),
+    head=HeadConfig(gaussians=500, features=4, deformation_width=16, appearance_width=8, tracking_iterations=20),
+    training=TrainingConfig(iterations=12, image_size=32, precision="float32", checkpoint_every=5, preview_every=6),
+)
+
+
+def quiet() -> Console:
+    return Console(file=io.StringIO())
+
+
+def with_iterations(iterations: int, **settings: int) -> Config:
+    return replace(CONFIG, training=replace(CONFIG.training, iterations=iterations, **settings))
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("data") / "capture"
+    return write_synthetic_capture(path, frames=6, views=3, size=32, static_views=4)
+
+
+@pytest.fixture(scope="module")
+def trained(capture: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("runs") / "run"
+    train(capture, out, CONFIG, console=quiet())
+    return out
+
+
+def test_a_run_leaves_an_avatar_a_checkpoint_a_log_and_a_preview(capture: Path, trained: Path) -> None:
+    data = Capture.open(capture)
+    avatar = Avatar.load(trained / "avatar")
+    assert avatar.canonical_strands.shape[1:] == (10, 3)
+    track = data.track(data.segment("nod"))
+    posed = avatar.pose(track, 3)
+    images = avatar.render(posed, [data.camera(data.segment("nod").start + 3, name) for name in data.camera_names])
+    assert images.rgb.shape == (3, 32, 32, 3)
+    assert torch.isfinite(images.rgb).all()
+    assert images.hair.max() > 0.5
+    assert (trained / "preview.png").exists()
+    assert list((trained / "log").glob("events.*"))
+    assert not list(trained.glob(".*"))
+
+
+def test_an_interrupted_run_goes_on_to_the_same_avatar(
+    capture: Path, trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from dynhair.training.batches import Batches
+
+    original = Batches.batch
+
+    def interrupted(self: Batches, step: int):  # noqa: ANN202
+        if step == 8:
+            raise KeyboardInterrupt
+        return original(self, step)
+
+    out = tmp_path / "run"
+    with monkeypatch.context() as patched:
+        patched.setattr(Batches, "batch", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            train(capture, out, CONFIG, console=quiet())
+    assert not Run.open(out).avatar.exists()
+    train(capture, out, CONFIG, resume=True, console=quiet())
+    assert_same_avatar(out, trained)
+
+
+def assert_same_avatar(one: Path, other: Path) -> None:
+    a = safetensors.torch.load_file(one / "avatar" / "avatar.safetensors")
+    b = safetensors.torch.load_file(other / "avatar" / "avatar.safetensors")
+    assert a.keys() == b.keys()
+    for name, value in a.items():
+        assert torch.equal(value, b[name]), name
+
+
+@pytest.mark.slow
+def test_a_killed_run_goes_on_to_the_same_avatar(capture: Path, tmp_path: Path) -> None:
+    config = with_iterations(60, checkpoint_every=10)
+    write_config(config, tmp_path / "config.yaml")
+    command = [sys.executable, "-m", "dynhair", "train", str(capture), "--config", str(tmp_path / "config.yaml")]
+    subprocess.run([*command, "--out", str(tmp_path / "whole")], check=True, stdout=subprocess.DEVNULL, timeout=600)
+
+    out = tmp_path / "killed"
+    process = subprocess.Popen([*command, "--out", str(out)], stdout=subprocess.DEVNULL)
+    deadline = time.monotonic() + 600
+    while not Run(out, capture, config).checkpoint.exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    os.kill(process.pid, signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    assert not (out / "avatar").exists()
+    subprocess.run([*command, "--out", str(out), "--resume"], check=True, stdout=subprocess.DEVNULL, timeout=600)
+    assert_same_avatar(out, tmp_path / "whole")
+
+
+@pytest.mark.slow
+def test_training_brings_the_avatar_closer_to_the_images(capture: Path, tmp_path: Path) -> None:
+    data = Capture.open(capture)
+    segment = data.segments[0]
+    track = data.track(segment)
+
+    def error(avatar: Avatar) -> float:
+        total = 0.0
+        for index in range(segment.count):
+            frame = segment.start + index
+            cameras = [data.camera(frame, name) for name in data.camera_names]
+            with torch.no_grad():
+                images = avatar.render(avatar.pose(track, index), cameras)
+            truth = torch.stack([data.view(frame, name).rgb for name in data.camera_names])
+            total += float((images.rgb - truth).abs().mean())
+        return total / segment.count
+
+    before = error(train(capture, tmp_path / "short", with_iterations(1), console=quiet()))
+    after = error(train(capture, tmp_path / "long", with_iterations(150), console=quiet()))
+    assert after < 0.5 * before
+
+
+def test_a_taken_folder_and_a_foreign_run_are_refused(capture: Path, trained: Path, tmp_path: Path) -> None:
+    with pytest.raises(DynhairError, match="something already"):
+        train(capture, trained, CONFIG, console=quiet())
+    with pytest.raises(DynhairError, match=r"run\.json"):
+        train(capture, tmp_path / "none", CONFIG, resume=True, console=quiet())
+    other = write_synthetic_capture(tmp_path / "other", frames=2, views=2, size=16)
+    with pytest.raises(DynhairError, match="trained on"):
+        train(other, trained, CONFIG, resume=True, console=quiet())
+
+
+def test_a_capture_without_hair_masks_is_refused(tmp_path: Path) -> None:
+    path = write_synthetic_capture(tmp_path / "c", frames=2, views=2, size=16)
+    for mask in path.glob("**/hair_*.png"):
+        mask.unlink()
+    with pytest.raises(DynhairError, match="hair mask"):
+        train(path, tmp_path / "run", CONFIG, console=quiet())
+
+
+def test_a_capture_without_training_segments_is_refused(tmp_path: Path) -> None:
+    path = write_synthetic_capture(tmp_path / "c", frames=2, views=2, size=16, motions=("nod:test",))
+    with pytest.raises(DynhairError, match="no training segment"):
+        train(path, tmp_path / "run", CONFIG, console=quiet())
