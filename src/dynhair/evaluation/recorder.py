@@ -1,0 +1,104 @@
+"""Shows an evaluation while it runs: a video of each test segment, and a contact sheet of all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+import torch
+from PIL import Image
+
+from dynhair.capture import Capture
+from dynhair.evaluation.pictures import Picture, error_picture, grid, picture
+from dynhair.evaluation.protocol import EvaluatedFrame
+from dynhair.evaluation.video import video_writer
+from dynhair.storage import atomic_file
+
+SHEET_COLUMNS = 6
+SHEET_WIDTH = 1920
+"""Pixels; a contact sheet is scaled down to it."""
+
+
+def most_frontal_view(capture: Capture) -> int:
+    """Index of the camera that looks the face most squarely in the eyes (head frame's +z) in the first frame."""
+    first = capture.segments[0]
+    track = capture.track(first)
+    centres = torch.stack([capture.camera(first.start, name).centre for name in capture.camera_names])
+    local = (centres.double().numpy() - track.translations[0]) @ track.rotations[0]
+    return int(np.argmax(local[:, 2] / np.linalg.norm(local, axis=1)))
+
+
+class Recorder:
+    """Observes an evaluation; a context manager, so that an error leaves no half-written video behind.
+
+    Attributes:
+        written: the files that are complete.
+
+    Args:
+        capture: what is evaluated against.
+        out: folder of the videos and the contact sheet.
+    """
+
+    def __init__(self, capture: Capture, out: Path) -> None:
+        self.written: list[Path] = []
+        self._out = out
+        self._fps = capture.fps
+        self._view = most_frontal_view(capture)
+        self._video = ExitStack()
+        self._append: Callable[[Picture], None] | None = None
+        self._columns: list[tuple[str, list[Picture]]] = []
+        tests = [
+            (segment.name, index)
+            for segment in capture.segments
+            if segment.split == "test"
+            for index in range(segment.count)
+        ]
+        count = min(SHEET_COLUMNS, len(tests))
+        self._shown = {tests[(2 * column + 1) * len(tests) // (2 * count)] for column in range(count)}
+
+    def __call__(self, frame: EvaluatedFrame) -> None:
+        """Append a frame of a test segment to its video, and to the contact sheet if it is one of those shown."""
+        segment = frame.segment
+        if segment.split != "test":
+            return
+        truth, avatar, rigid = (images[self._view] for images in (frame.truth, frame.avatar, frame.rigid))
+        shown = [picture(truth), picture(avatar), error_picture(avatar, truth)]
+        path = self._out / f"test_{segment.name}.mp4"
+        if self._append is None:
+            self._append = self._video.enter_context(video_writer(path, self._fps))
+        self._append(grid([shown], [""], ["truth", "avatar", "difference"]))
+        if frame.index == segment.count - 1:
+            self._video.close()
+            self._append = None
+            self.written.append(path)
+        if (segment.name, frame.index) in self._shown:
+            label = f"{segment.name} {frame.index / self._fps:.2f} s"
+            self._columns.append((label, [*shown[:2], picture(rigid), shown[2]]))
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Discard an unfinished video; write the contact sheet if nothing went wrong."""
+        self._video.__exit__(kind, error, traceback)
+        if kind is None and self._columns:
+            path = self._out / "contact_sheet.png"
+            _write_sheet(path, self._columns)
+            self.written.append(path)
+
+
+def _write_sheet(path: Path, columns: list[tuple[str, list[Picture]]]) -> None:
+    rows = list(zip(*(cells for _, cells in columns), strict=True))
+    sheet = Image.fromarray(
+        grid(rows, ["truth", "avatar", "rigid hair", "difference"], [label for label, _ in columns])
+    )
+    if sheet.width > SHEET_WIDTH:
+        height = round(sheet.height * SHEET_WIDTH / sheet.width)
+        sheet = sheet.resize((SHEET_WIDTH, height), Image.Resampling.LANCZOS)
+    with atomic_file(path) as temporary:
+        sheet.save(temporary, optimize=True)

@@ -1,0 +1,62 @@
+"""Evaluations as tables for people."""
+
+from __future__ import annotations
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from dynhair.evaluation.figures import Figures
+from dynhair.evaluation.protocol import Evaluation
+
+COLUMNS = {
+    "psnr": ("PSNR", 2),
+    "ssim": ("SSIM", 3),
+    "hair_psnr": ("hair\nPSNR", 2),
+    "hair_ssim": ("hair\nSSIM", 3),
+    "hair_iou": ("hair\nIoU", 3),
+    "hair_tiou": ("hair\ntIoU", 3),
+    "hair_tiou_truth": ("truth\ntIoU", 3),
+    "hair_motion_explained": ("motion\nexpl.", 3),
+}
+"""Headings and decimals."""
+
+ALL_TEST_SEGMENTS = "all test"
+
+
+def evaluation_table(evaluation: Evaluation) -> Group:
+    """Tabulate all segments, the rigid hair beneath the moving one, and say why figures are missing."""
+    table = Table(box=None, pad_edge=False, collapse_padding=True, header_style="bold")
+    table.add_column("segment", no_wrap=True)
+    table.add_column("hair", no_wrap=True)
+    for heading, _ in COLUMNS.values():
+        table.add_column(heading, justify="right", no_wrap=True)
+    for part in evaluation.segments:
+        _add_rows(table, f"{part.segment.name} ({part.segment.split})", part.avatar, part.rigid)
+    _add_rows(table, ALL_TEST_SEGMENTS, evaluation.avatar, evaluation.rigid, style="bold")
+    return Group(table, *_notes(evaluation))
+
+
+def format_figure(value: float | None, decimals: int) -> str:
+    """Print a figure, or ``n/a``; never a negative zero."""
+    return "n/a" if value is None else f"{round(value, decimals) + 0.0:.{decimals}f}"
+
+
+def _add_rows(table: Table, label: str, avatar: Figures, rigid: Figures, style: str = "") -> None:
+    for name, hair, figures in ((label, "moving", avatar), ("", "rigid", rigid)):
+        cells = [format_figure(figures.values[key], decimals) for key, (_, decimals) in COLUMNS.items()]
+        table.add_row(name, hair, *cells, style=style if figures is avatar else "dim")
+
+
+def _notes(evaluation: Evaluation) -> list[Text]:
+    """Write a line for each reason why figures are missing, with the figures and segments that it holds for."""
+    parts = [(part.segment.name, part.avatar) for part in evaluation.segments]
+    missing: dict[str, tuple[dict[str, None], dict[str, None]]] = {}  # ordered sets of figures and segments
+    for segment, figures in [*parts, (ALL_TEST_SEGMENTS, evaluation.avatar)]:
+        for name, reason in figures.reasons.items():
+            names, segments = missing.setdefault(reason, ({}, {}))
+            names[name] = segments[segment] = None
+    return [
+        Text(f"n/a: {', '.join(names)} ({', '.join(segments)}): {reason}", style="dim")
+        for reason, (names, segments) in missing.items()
+    ]

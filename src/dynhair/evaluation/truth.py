@@ -1,0 +1,69 @@
+"""What an avatar is held against: a capture's images and silhouettes, and its true strands where it has them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from dynhair.capture import Capture, Segment, View
+from dynhair.evaluation.hair_motion import to_head_frame
+from dynhair.evaluation.metrics import silhouette
+
+FRAMES_AHEAD = 2
+"""Frames that are decoded while one is measured."""
+
+
+@dataclass(frozen=True)
+class TrueFrame:
+    """All views of one frame.
+
+    Attributes:
+        index: the frame's place in its segment.
+        rgb: images in [0, 1].
+        hair: the hair's silhouettes; None where the capture has no hair masks.
+    """
+
+    index: int
+    rgb: Float[Tensor, "v h w 3"]
+    hair: Bool[Tensor, "v h w"] | None
+
+
+def true_frames(capture: Capture, segment: Segment, indices: Sequence[int]) -> Iterator[TrueFrame]:
+    """Yield the frames at these places of a segment, in order; a thread decodes a few of them ahead."""
+    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="truth") as decoder:
+        pending: deque[Future[TrueFrame]] = deque()
+        try:
+            for index in indices:
+                pending.append(decoder.submit(_decode, capture, segment, index))
+                if len(pending) > FRAMES_AHEAD:
+                    yield pending.popleft().result()
+            while pending:
+                yield pending.popleft().result()
+        finally:
+            for future in pending:
+                future.cancel()
+
+
+def true_strands(capture: Capture, segment: Segment) -> Float[Tensor, "f m p 3"] | None:
+    """Read a segment's true strands in the head's frame, metres; None where the capture does not hold them."""
+    truth = capture.ground_truth(segment)
+    if truth is None:
+        return None
+    track = capture.track(segment)
+    rotations, translations = torch.from_numpy(track.rotations), torch.from_numpy(track.translations)
+    strands = torch.from_numpy(truth.strands).double()
+    return torch.stack([to_head_frame(*frame) for frame in zip(strands, rotations, translations, strict=True)])
+
+
+def _decode(capture: Capture, segment: Segment, index: int) -> TrueFrame:
+    frame = segment.frames[index]
+    views: list[View] = capture.views([(frame, name) for name in capture.camera_names])
+    masks = [view.hair for view in views if view.hair is not None]
+    hair = silhouette(torch.stack(masks)) if len(masks) == len(views) else None
+    return TrueFrame(index, torch.stack([view.rgb for view in views]), hair)
