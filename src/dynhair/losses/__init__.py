@@ -1,0 +1,23 @@
+"""Losses: pure functions of tensors, each a mean or a sum as the paper has it, without its weight."""
+
+from dynhair.losses.orientation import orientation_loss
+from dynhair.losses.photometric import l1_loss, ssim, ssim_loss, ssim_map
+from dynhair.losses.physics import elastic_loss, penetration_loss, sample_strand_points
+from dynhair.losses.regularizers import length_loss, shape_loss, smoothness_loss
+from dynhair.losses.silhouette import segmentation_loss, segmentation_weight
+
+__all__ = [
+    "elastic_loss",
+    "l1_loss",
+    "length_loss",
+    "orientation_loss",
+    "penetration_loss",
+    "sample_strand_points",
+    "segmentation_loss",
+    "segmentation_weight",
+    "shape_loss",
+    "smoothness_loss",
+    "ssim",
+    "ssim_loss",
+    "ssim_map",
+]

@@ -1,0 +1,62 @@
+"""What strands cannot do: stretch, and enter the head (paper, "Geometric losses").
+
+Both losses are squares of lengths, here metres. A weight for another unit of length becomes one for metres when it is
+divided by the square of that unit in metres: the paper's elastic weight of 500 for canonical units of 0.15 m is
+500 / 0.15^2 = 22,000.
+"""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from dynhair.strands import MeshDistance, segment_lengths
+
+
+def elastic_loss(posed: Float[Tensor, "*b n l 3"], rest: Float[Tensor, "n l 3"]) -> Float[Tensor, ""]:
+    """The paper's ``L_elastic``: squared changes of segment length, summed and divided by N L.
+
+    Args:
+        posed: deformed strands, metres, in any frame that is rigid to the head; averaged over leading dimensions.
+        rest: canonical strands, metres.
+    """
+    stretch = segment_lengths(posed) - segment_lengths(rest)
+    return stretch.square().sum() / posed[..., 0].numel()
+
+
+def sample_strand_points(
+    strands: Float[Tensor, "n l 3"], count: int = 10_000, *, generator: torch.Generator
+) -> Float[Tensor, "p 3"]:
+    """Draw different points of strands at random, all of them if there are fewer than ``count``.
+
+    Roots are left out: they lie on the surface, where being inside is a matter of rounding.
+
+    Args:
+        strands: polylines.
+        count: at most this many points.
+        generator: of random numbers, on the CPU.
+    """
+    points = strands[:, 1:].flatten(0, 1)
+    if len(points) <= count:
+        return points
+    return points[torch.randperm(len(points), generator=generator)[:count].to(points.device)]
+
+
+def penetration_loss(points: Float[Tensor, "p 3"], mesh: MeshDistance) -> Float[Tensor, ""]:
+    """The paper's ``L_penetr``: mean squared depth of the points that are inside the head.
+
+    The gradient pulls each inside point straight to the surface point nearest to it, held fixed: the exact gradient of
+    the squared distance.
+
+    Args:
+        points: strand points, metres, in the mesh's frame.
+        mesh: the head.
+
+    Returns:
+        Mean squared distance to the surface over the inside points, square metres; zero if there are none.
+    """
+    distance, closest = mesh.query(points)
+    inside = (distance < 0).to(points)
+    depth = (points - closest.to(points)).square().sum(dim=-1)
+    return (inside * depth).sum() / inside.sum().clamp_min(1)

@@ -1,0 +1,79 @@
+"""L1 and SSIM against loops and scikit-image."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from skimage.metrics import structural_similarity
+
+from dynhair.errors import DynhairError
+from dynhair.losses import l1_loss, ssim, ssim_loss, ssim_map
+
+
+def pictures(seed: int, height: int = 24, width: int = 31, noise: float = 0.2) -> tuple[torch.Tensor, torch.Tensor]:
+    """A smooth picture and a noisy one of it, with flat parts."""
+    generator = torch.Generator().manual_seed(seed)
+    y, x = torch.meshgrid(torch.linspace(0, 6, height), torch.linspace(0, 6, width), indexing="ij")
+    phase = 6 * torch.rand(3, generator=generator)
+    first = (0.5 + 0.5 * torch.sin(x[..., None] + y[..., None] + phase)).clamp(0.2, 1).double()
+    second = (first + noise * torch.randn(first.shape, generator=generator, dtype=torch.float64)).clamp(0, 1)
+    return first, second
+
+
+def reference(first: torch.Tensor, second: torch.Tensor) -> tuple[float, np.ndarray]:
+    mean, full = structural_similarity(  # pyright: ignore[reportAssignmentType]
+        first.numpy(),
+        second.numpy(),
+        channel_axis=-1,
+        data_range=1.0,
+        gaussian_weights=True,
+        sigma=1.5,
+        use_sample_covariance=False,
+        full=True,
+    )
+    return mean, full
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05, 0.5])
+def test_ssim_agrees_with_scikit_image(noise: float) -> None:
+    first, second = pictures(0, noise=noise)
+    mean, full = reference(first, second)
+    np.testing.assert_allclose(ssim_map(first, second), full, atol=1e-10)
+    assert ssim(first, second).item() == pytest.approx(mean, abs=1e-10)
+    assert ssim_loss(first.float(), second.float()).item() == pytest.approx(1 - mean, abs=1e-5)
+
+
+def test_ssim_averages_over_views() -> None:
+    pairs = [pictures(seed) for seed in range(3)]
+    firsts, seconds = (torch.stack(views) for views in zip(*pairs, strict=True))
+    expected = np.mean([reference(first, second)[0] for first, second in pairs])
+    assert ssim(firsts, seconds).item() == pytest.approx(expected)
+
+
+@given(st.integers(0, 10_000))
+def test_ssim_is_symmetric_bounded_and_one_for_equal_images(seed: int) -> None:
+    first, second = pictures(seed, 14, 13)
+    torch.testing.assert_close(ssim_map(first, second), ssim_map(second, first))
+    torch.testing.assert_close(ssim(first, first), torch.tensor(1.0, dtype=torch.float64))
+    assert ssim_map(first, second).abs().max() <= 1 + 1e-12
+    assert ssim_map(first, 1 - first).min() >= -1 - 1e-12
+
+
+def test_ssim_gradients_agree_with_finite_differences() -> None:
+    first, second = (image[:12, :11, :1] for image in pictures(1))
+    assert torch.autograd.gradcheck(ssim_loss, (first.clone().requires_grad_(), second.clone().requires_grad_()))
+
+
+def test_images_smaller_than_the_window_are_refused() -> None:
+    with pytest.raises(DynhairError, match="30 x 10"):
+        ssim(torch.zeros(10, 30, 3), torch.zeros(10, 30, 3))
+
+
+def test_l1_is_the_mean_absolute_difference() -> None:
+    first, second = pictures(2)
+    expected = np.mean([abs(a - b) for a, b in zip(first.flatten().tolist(), second.flatten().tolist(), strict=True)])
+    assert l1_loss(first, second).item() == pytest.approx(expected)
+    assert torch.autograd.gradcheck(l1_loss, (first[:2, :2].clone().requires_grad_(), second[:2, :2]))
