@@ -20,7 +20,7 @@ from stand_ins import (
     image_of,
 )
 
-from dynhair.capture import HeadTrack, Segment
+from dynhair.capture import GroundTruth, HeadTrack, Segment
 from dynhair.errors import DynhairError
 from dynhair.evaluation.figures import DEFINITIONS, HAIR_FIGURES, MOTION
 from dynhair.evaluation.metrics import ssim
@@ -162,14 +162,26 @@ def test_json_explains_itself() -> None:
     assert written["protocol"]["networks"] == "none"
 
 
-def test_an_avatar_that_renders_nan_is_refused() -> None:
+@pytest.mark.parametrize("of", ["images", "strands"])
+def test_an_avatar_that_is_not_finite_is_refused(of: str) -> None:
     class Broken(StandInAvatar):
         def pose(self, track: HeadTrack, frame: int, *, rigid_hair: bool = False) -> StandInPose:
-            self.error = float("nan") if track.expressions[frame, 0] == 12 else 0.05
+            wrong = float("nan") if track.expressions[frame, 0] == 12 else 0.05
+            self.error, self.share = (wrong, 0.5) if of == "images" else (0.05, wrong)
             return super().pose(track, frame, rigid_hair=rigid_hair)
 
     with pytest.raises(DynhairError, match="not finite in frame 2 of 'stop'"):
         evaluate_avatar(Broken(), StandInCapture())
+
+
+def test_true_strands_must_be_the_same_in_all_segments() -> None:
+    class Inconsistent(StandInCapture):
+        def ground_truth(self, segment: Segment) -> GroundTruth | None:
+            truth = super().ground_truth(segment)
+            return truth if truth is None or segment.name != "nod" else GroundTruth(truth.strands[:, 1:])
+
+    with pytest.raises(DynhairError, match="'nod' has 4 true strands of 4 points"):
+        evaluate_avatar(StandInAvatar(), Inconsistent())
 
 
 def test_evaluated_indices() -> None:

@@ -59,7 +59,7 @@ class Figures:
 
     @classmethod
     def unmeasured(cls, reason: str) -> Figures:
-        """No figures at all, for one reason."""
+        """Leave out all figures for one reason."""
         return cls(dict.fromkeys(DEFINITIONS), dict.fromkeys(DEFINITIONS, reason), dict.fromkeys(DEFINITIONS, 0), 0, 0)
 
     def to_json(self) -> dict[str, Any]:

@@ -125,7 +125,9 @@ def evaluate_avatar(
     motion = None
     if strands_at_rest is not None:
         track = capture.track(first)
-        motion = HairMotion(_strands_in_head(avatar.pose(track, 0, rigid_hair=True), track, 0), strands_at_rest[0])
+        rest = avatar.pose(track, 0, rigid_hair=True).strands
+        _require_finite(first, 0, rest)
+        motion = HairMotion(_in_head(rest, track, 0), strands_at_rest[0])
 
     overall, overall_rigid = FigureSums(), FigureSums()
     segments = []
@@ -151,6 +153,12 @@ def _measure_segment(
     """Sum up one segment: the avatar, and the avatar with its hair held rigid."""
     track = capture.track(segment)
     strands = None if motion is None else true_strands(capture, segment)
+    if motion is not None and strands is not None and strands.shape[1:3] != (motion.true_strands, motion.true_points):
+        raise DynhairError(
+            f"'{segment.name}' has {strands.shape[1]} true strands of {strands.shape[2]} points",
+            path=capture.path,
+            expected=f"the {motion.true_strands} of {motion.true_points} points that the first segment has",
+        )
     meters = (_Meter(segment, motion, strands), _Meter(segment, motion, strands))
     for truth in true_frames(capture, segment, evaluated_indices(segment)):
         cameras = [capture.camera(segment.frames[truth.index], name) for name in capture.camera_names]
@@ -158,15 +166,10 @@ def _measure_segment(
         for meter, rigid_hair in zip(meters, (False, True), strict=True):
             posed = avatar.pose(track, truth.index, rigid_hair=rigid_hair)
             rendered = avatar.render(posed, [camera.to(posed.strands.device) for camera in cameras])
-            rgb, hair = rendered.rgb.cpu(), rendered.hair.cpu()
-            if not (rgb.isfinite().all() and hair.isfinite().all()):
-                raise DynhairError(
-                    f"the avatar renders values that are not finite in frame {truth.index} of '{segment.name}'",
-                    expected="finite images",
-                    mend="take an earlier checkpoint of its training",
-                )
-            images.append(rgb.clamp(0.0, 1.0))
-            meter.add(truth, images[-1], silhouette(hair), _strands_in_head(posed, track, truth.index))
+            _require_finite(segment, truth.index, posed.strands, rendered.rgb, rendered.hair)
+            images.append(rendered.rgb.cpu().clamp(0.0, 1.0))
+            hair, strands_in_head = silhouette(rendered.hair.cpu()), _in_head(posed.strands, track, truth.index)
+            meter.add(truth, images[-1], hair, strands_in_head)
         if observe is not None:
             observe(EvaluatedFrame(segment, truth.index, truth.rgb, *images))
     return meters[0].sums, meters[1].sums
@@ -215,9 +218,17 @@ class _Meter:
         self._last = index, hair, truth
 
 
-def _strands_in_head(posed: Any, track: HeadTrack, index: int) -> Float[Tensor, "n l 3"]:
+def _in_head(strands: Float[Tensor, "n l 3"], track: HeadTrack, index: int) -> Float[Tensor, "n l 3"]:
     rotation, translation = torch.from_numpy(track.rotations[index]), torch.from_numpy(track.translations[index])
-    return to_head_frame(posed.strands.detach().cpu().double(), rotation, translation)
+    return to_head_frame(strands.cpu().double(), rotation, translation)
+
+
+def _require_finite(segment: Segment, index: int, *tensors: Tensor) -> None:
+    if not all(tensor.isfinite().all() for tensor in tensors):
+        raise DynhairError(
+            f"the avatar's strands or images are not finite in frame {index} of '{segment.name}'",
+            mend="take an earlier checkpoint of its training",
+        )
 
 
 def _protocol(capture: Capture, motion: HairMotion | None) -> dict[str, str]:
