@@ -44,8 +44,7 @@ def ssim(first: Float[Tensor, "*v h w c"], second: Float[Tensor, "*v h w c"]) ->
     height, width = first.shape[-3:-1]
     if min(height, width) < WINDOW:
         raise DynhairError(f"an image of {width} x {height} pixels has no SSIM", expected=f"at least {WINDOW} each way")
-    margin = WINDOW // 2
-    return ssim_map(first, second)[..., margin:-margin, margin:-margin, :].mean()
+    return _similarity(first, second).mean()
 
 
 def ssim_map(first: Float[Tensor, "*v h w c"], second: Float[Tensor, "*v h w c"]) -> Float[Tensor, "*v h w c"]:
@@ -60,33 +59,43 @@ def ssim_map(first: Float[Tensor, "*v h w c"], second: Float[Tensor, "*v h w c"]
     Returns:
         Similarity in [-1, 1] for each pixel and channel.
     """
+    return _similarity(_mirrored(first), _mirrored(second))
+
+
+def _mirrored(images: Float[Tensor, "*v h w c"]) -> Float[Tensor, "*v y x c"]:
+    """Add half a window of mirror image on each side."""
+    margin = WINDOW // 2
+    for axis in (-3, -2):
+        size = images.shape[axis]
+        before, after = images.narrow(axis, 0, margin), images.narrow(axis, size - margin, margin)
+        images = torch.cat([before.flip(axis), images, after.flip(axis)], dim=axis)
+    return images
+
+
+def _similarity(first: Float[Tensor, "*v h w c"], second: Float[Tensor, "*v h w c"]) -> Float[Tensor, "*v y x c"]:
+    """Structural similarity around the pixels whose windows lie in the image."""
     c1, c2 = 0.01**2, 0.03**2
     # Only the sum of the two variances is needed, so their second moments are blurred together.
-    moments = torch.stack([first, second, first * first + second * second, first * second])
-    mean_x, mean_y, square, product = _blur(moments)
+    moments = torch.cat([first, second, first * first + second * second, first * second], dim=-1)
+    mean_x, mean_y, square, product = _blur(moments).chunk(4, dim=-1)
     mean_product, mean_square = mean_x * mean_y, mean_x * mean_x + mean_y * mean_y
     luminance = (2 * mean_product + c1) / (mean_square + c1)
-    return luminance * (2 * (product - mean_product) + c2) / (square - mean_square + c2)
+    return luminance * ((2 * (product - mean_product) + c2) / (square - mean_square + c2))
 
 
-def _blur(images: Float[Tensor, "*v h w c"]) -> Float[Tensor, "*v h w c"]:
-    """Gaussian blur over height and width.
+def _blur(images: Float[Tensor, "*v h w c"]) -> Float[Tensor, "*v y x c"]:
+    """Gaussian blur, where the window lies in the image.
 
-    Two depthwise convolutions, one along each axis. Multiplying with banded matrices is as fast at 256 pixels and half
-    as fast again at 512.
+    Two depthwise convolutions, one along each axis, in the images' own layout with channels last: twice as fast as with
+    channels first. Products with banded matrices are as fast as the latter at 256 pixels and slower beyond.
     """
-    margin = WINDOW // 2
+    margin, channels = WINDOW // 2, images.shape[-1]
     offsets = torch.arange(-margin, margin + 1, dtype=images.dtype, device=images.device)
     weights = torch.exp(-0.5 * (offsets / SIGMA) ** 2)
-    weights = weights / weights.sum()
+    weights = (weights / weights.sum()).expand(channels, 1, 1, -1)
 
-    planes = images.movedim(-1, -3)
-    stacked = planes.flatten(0, -3)[None]
-    channels = stacked.shape[1]
-    along_height = weights.view(1, 1, -1, 1).expand(channels, -1, -1, -1)
-    along_width = weights.view(1, 1, 1, -1).expand(channels, -1, -1, -1)
-    padded = torch.cat([stacked[..., :margin, :].flip(-2), stacked, stacked[..., -margin:, :].flip(-2)], dim=-2)
-    blurred = torch.nn.functional.conv2d(padded, along_height, groups=channels)
-    padded = torch.cat([blurred[..., :margin].flip(-1), blurred, blurred[..., -margin:].flip(-1)], dim=-1)
-    blurred = torch.nn.functional.conv2d(padded, along_width, groups=channels)
-    return blurred.view(planes.shape).movedim(-3, -1)
+    planes = images.reshape(-1, *images.shape[-3:]).permute(0, 3, 1, 2)
+    planes = torch.nn.functional.conv2d(planes, weights.mT, groups=channels)
+    planes = torch.nn.functional.conv2d(planes, weights, groups=channels)
+    blurred = planes.permute(0, 2, 3, 1)
+    return blurred.reshape(*images.shape[:-3], *blurred.shape[1:])
