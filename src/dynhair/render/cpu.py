@@ -81,7 +81,7 @@ class _Lists:
 
 class _Rasterize(torch.autograd.Function):
     @staticmethod
-    def forward(  # noqa: PLR0917
+    def forward(
         ctx: Any,
         means: Tensor,
         quats: Tensor,

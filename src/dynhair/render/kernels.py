@@ -30,7 +30,7 @@ _OPTIONS = {
     "enable_backward": False,
     "fast_math": False,  # comparisons with NaN must stay false: that is how a Gaussian with a NaN is dropped
     # Clang prefers half-width vectors on several CPUs where these kernels run faster with full ones.
-    "cpu_compiler_flags": "-march=native -mprefer-vector-width=512",
+    "cpu_compiler_flags": "-march=native -mprefer-vector-width=512 -ffp-contract=fast",
 }
 _compiling = threading.Lock()
 
@@ -117,7 +117,7 @@ def _compile(sources: str, integers: str, arrays: str, channels: int) -> Kernel:
     native.__annotations__ = entry.__annotations__ = {"table": wp.array(dtype=wp.int64)}
     body = wp.func_native("\n".join(lines))(native)
     kernel = wp.kernel(entry, module="unique", enable_backward=False, module_options=_OPTIONS)
-    wp.load_module(kernel.module, device="cpu")
+    wp.load_module(kernel.module, device="cpu", block_dim=1)  # CPU launches run in blocks of one
 
     def launch(*arguments: int | Tensor) -> None:
         integers, tensors = arguments[: len(names)], arguments[len(names) :]

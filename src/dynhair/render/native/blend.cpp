@@ -6,65 +6,80 @@
 // ends            (tiles,): one past the last entry looked at; behind it the tile is opaque
 // image           (height, width, channels), alpha and depth (height, width)
 
+constexpr int STRIDE = FEATURES + CHANNELS, BATCH = 64, AHEAD = 16;
+typedef u16 BatchMasks __attribute__((ext_vector_type(BATCH)));
+typedef bool BatchBits __attribute__((ext_vector_type(BATCH)));
 const int tiles_x = (width + TILE - 1) / TILE;
-constexpr int STRIDE = FEATURES + CHANNELS;
-const Vec one = Simd::splat(1.0f);
 
 for (int tile = first; tile < last; ++tile) {
     const int left = tile % tiles_x * TILE, top = tile / tiles_x * TILE;
-    alignas(64) float transmittance[16][16];     // by block; its sign says whether a pixel is still open
+    pixels.enter(left, top, EXP2_SERIES);
+    alignas(64) float transmittance[16][16];       // by block; 0 where a pixel is finished
+    alignas(64) float covered[16][16];             // sums of the weights
     alignas(64) float sums[16][1 + CHANNELS][16];  // depth, then features
-    unsigned open = 0;
+    unsigned open = 0;                             // blocks with a pixel that is not finished
     for (int block = 0; block < 16; ++block) {
-        const Vec x = COLUMN + (float)(left + (block & 3) * BLOCK), y = ROW + (float)(top + (block >> 2) * BLOCK);
-        const Lanes inside = (x < (float)width) & (y < (float)height);
-        Simd::store(transmittance[block], Simd::select(inside, one, -one));
+        const Lanes inside = (Simd::load(pixels.x[block]) < (float)width) & (Simd::load(pixels.y[block]) < (float)height);
+        Simd::store(transmittance[block], Simd::keep(inside, 1.0f));
+        Simd::store(covered[block], 0.0f);
         if (Simd::bits(inside)) open |= 1u << block;
-        for (int c = 0; c <= CHANNELS; ++c) Simd::store(sums[block][c], Vec{});
+        for (int c = 0; c <= CHANNELS; ++c) Simd::store(sums[block][c], 0.0f);
     }
 
+    // A batch of entries is first sorted out by block; then a block's sums stay in registers for the whole batch.
     const int end = starts[tile + 1];
-    int entry = starts[tile];
-    for (; entry < end && open; ++entry) {
-        const float* s = splats + (i64)entries[entry] * STRIDE;
-        if (entry + 6 < end) {
-            const float* coming = splats + (i64)entries[entry + 6] * STRIDE;
-            for (int k = 0; k < STRIDE; k += 16) __builtin_prefetch(coming + k);
-        }
-        unsigned contributed = 0;
-        for (unsigned blocks = reached_cells(s, left, top, BLOCK) & open; blocks; blocks &= blocks - 1) {
-            const int block = __builtin_ctz(blocks);
-            const Vec t = Simd::load(transmittance[block]);
-            Vec log2_alpha, dx, dy;
-            evaluate(s, left, top, block, dx, dy, log2_alpha);
-            const Lanes hit = (log2_alpha >= LOG2_ALPHA_MIN) & (t > 0.0f);
-            if (!Simd::bits(hit)) continue;
-            const Vec alpha = Simd::keep(hit, Simd::min(Simd::exp2(Simd::min(log2_alpha, one)), Simd::splat(ALPHA_MAX)));
-            Vec weight = alpha * t;
-            Vec rest = Simd::fma(-alpha, t, t);
-            const Lanes closing = hit & (rest <= TRANSMITTANCE_MIN);
-            if (__builtin_expect(Simd::bits(closing), 0)) {
-                close(closing, t, weight, rest);
-                if (!Simd::bits(rest > 0.0f)) open &= ~(1u << block);
+    int start = starts[tile];
+    for (; start < end && open; start += BATCH) {
+        const int count = end - start < BATCH ? end - start : BATCH;
+        alignas(128) u16 masks[BATCH] = {}, hits[BATCH] = {};
+        for (int k = 0; k < count; ++k) {
+            if (start + k + AHEAD < end) {
+                const float* coming = splats + (i64)entries[start + k + AHEAD] * STRIDE;
+                for (int line = 0; line < STRIDE; line += 16) __builtin_prefetch(coming + line);
             }
-            Simd::store(transmittance[block], rest);
-            contributed |= 1u << block;
-#pragma unroll
-            for (int c = 0; c <= CHANNELS; ++c)
-                Simd::store(sums[block][c], Simd::fma(weight, Simd::splat(s[DEPTH + c]), Simd::load(sums[block][c])));
+            masks[k] = reached_cells(splats + (i64)entries[start + k] * STRIDE, left, top, BLOCK) & open;
         }
-        reached[entry] = contributed;
+        for (unsigned blocks = open; blocks; blocks &= blocks - 1) {
+            const int block = __builtin_ctz(blocks);
+            const BatchMasks of_block = *(const BatchMasks*)masks & (u16)(1u << block);
+            const BatchBits lanes = __builtin_convertvector(of_block, BatchBits);
+            u64 batch;
+            __builtin_memcpy(&batch, &lanes, sizeof batch);
+            if (!batch) continue;
+            Vec t = Simd::load(transmittance[block]), cover = Simd::load(covered[block]), sum[1 + CHANNELS];
+#pragma unroll
+            for (int c = 0; c <= CHANNELS; ++c) sum[c] = Simd::load(sums[block][c]);
+            for (; batch; batch &= batch - 1) {
+                const int k = __builtin_ctzll(batch);
+                const float* s = splats + (i64)entries[start + k] * STRIDE;
+                const Coverage coverage(pixels, s, block, t);
+                t = coverage.after;
+                cover += coverage.weight;
+                hits[k] |= (Simd::bits(coverage.weight > 0.0f) != 0) << block;
+#pragma unroll
+                for (int c = 0; c <= CHANNELS; ++c) sum[c] = Simd::fma(coverage.weight, s[DEPTH + c], sum[c]);
+                if (!Simd::bits(coverage.open)) {
+                    open &= ~(1u << block);
+                    break;
+                }
+            }
+            Simd::store(transmittance[block], t);
+            Simd::store(covered[block], cover);
+#pragma unroll
+            for (int c = 0; c <= CHANNELS; ++c) Simd::store(sums[block][c], sum[c]);
+        }
+        for (int k = 0; k < count; ++k) reached[start + k] = hits[k];
     }
-    ends[tile] = entry;
+    ends[tile] = start < end ? start : end;
 
     for (int block = 0; block < 16; ++block)
         for (int l = 0; l < 16; ++l) {
             const int x = left + (block & 3) * BLOCK + (l & 3), y = top + (block >> 2) * BLOCK + (l >> 2);
             if (x >= width || y >= height) continue;
             const i64 pixel = (i64)y * width + x;
-            const float covered = 1.0f - __builtin_fabsf(transmittance[block][l]);
-            alpha[pixel] = covered;
-            depth[pixel] = covered > 0.0f ? sums[block][0][l] / covered : 0.0f;
+            const float cover = covered[block][l];
+            alpha[pixel] = cover;
+            depth[pixel] = cover > 0.0f ? sums[block][0][l] / cover : 0.0f;
             for (int c = 0; c < channels; ++c) image[pixel * channels + c] = sums[block][1 + c][l];
         }
 }

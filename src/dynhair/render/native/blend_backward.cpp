@@ -9,8 +9,13 @@
 //                 a gap, and the gradients of depth and features
 
 const int tiles_x = (width + TILE - 1) / TILE;
-constexpr int STRIDE = FEATURES + CHANNELS, GROUPS = (STRIDE + 15) / 16;
-const Vec one = Simd::splat(1.0f);
+constexpr int STRIDE = FEATURES + CHANNELS, GROUPS = (STRIDE + 15) / 16, AHEAD = 12;
+
+// An estimate refined by Newton's method where the processor has one, 1e-7 off: a true division holds up the rest.
+auto reciprocal = [](Vec x) -> Vec {
+#pragma clang fp reciprocal(on)
+    return 1.0f / x;
+};
 
 // Sums over the lanes of 16 vectors at once: lane i of the result is the sum of v[i].
 auto lane_sums = [](const Vec* v) -> Vec {
@@ -35,6 +40,7 @@ for (int tile = first; tile < last; ++tile) {
     const int left = tile % tiles_x * TILE, top = tile / tiles_x * TILE;
     const int begin = starts[tile], end = ends[tile];
     if (begin == end) continue;
+    pixels.enter(left, top, EXP2_SERIES);
     alignas(64) float transmittance[16][16], later[16][16];
     alignas(64) float gradient[16][1 + CHANNELS][16];  // of depth, then features
     for (int block = 0; block < 16; ++block)
@@ -52,13 +58,13 @@ for (int tile = first; tile < last; ++tile) {
                 gradient[block][1 + c][l] = g;
                 if (c < channels) sum += g * image[pixel * channels + c];
             }
-            transmittance[block][l] = inside ? 1.0f : -1.0f;
+            transmittance[block][l] = inside ? 1.0f : 0.0f;
             later[block][l] = sum;
         }
 
     for (int entry = begin; entry < end; ++entry) {
-        if (entry + 6 < end) {
-            const i64 coming = (i64)entries[entry + 6] * STRIDE;
+        if (entry + AHEAD < end) {
+            const i64 coming = (i64)entries[entry + AHEAD] * STRIDE;
             for (int k = 0; k < STRIDE; k += 16) {
                 __builtin_prefetch(splats + coming + k);
                 __builtin_prefetch(grads + coming + k, 1);
@@ -69,36 +75,26 @@ for (int tile = first; tile < last; ++tile) {
         const float* s = splats + (i64)entries[entry] * STRIDE;
         Vec sums[GROUPS * 16];
 #pragma unroll
-        for (int k = 0; k < GROUPS * 16; ++k) sums[k] = Vec{};
+        for (int k = 0; k < GROUPS * 16; ++k) sums[k] = 0.0f;
         for (; blocks; blocks &= blocks - 1) {
             const int block = __builtin_ctz(blocks);
             const Vec t = Simd::load(transmittance[block]);
-            Vec log2_alpha, dx, dy;
-            evaluate(s, left, top, block, dx, dy, log2_alpha);
-            Lanes hit = (log2_alpha >= LOG2_ALPHA_MIN) & (t > 0.0f);
-            const Vec raw = Simd::exp2(Simd::min(log2_alpha, one));
-            const Vec alpha = Simd::keep(hit, Simd::min(raw, Simd::splat(ALPHA_MAX)));
-            Vec weight = alpha * t;
-            Vec rest = Simd::fma(-alpha, t, t);
-            const Lanes closing = hit & (rest <= TRANSMITTANCE_MIN);
-            if (__builtin_expect(Simd::bits(closing), 0)) {
-                close(closing, t, weight, rest);
-                hit &= ~closing;
-            }
-            Simd::store(transmittance[block], rest);
+            const Coverage coverage(pixels, s, block, t);
+            Simd::store(transmittance[block], coverage.after);
 
-            Vec worth = Vec{};  // gradient . features
+            Vec worth = 0.0f;  // gradient . features
 #pragma unroll
             for (int c = 0; c <= CHANNELS; ++c) {
                 const Vec g = Simd::load(gradient[block][c]);
-                worth = Simd::fma(g, Simd::splat(s[DEPTH + c]), worth);
-                sums[DEPTH + c] = Simd::fma(weight, g, sums[DEPTH + c]);
+                worth = Simd::fma(g, s[DEPTH + c], worth);
+                sums[DEPTH + c] = Simd::fma(coverage.weight, g, sums[DEPTH + c]);
             }
-            const Vec behind = Simd::fma(-weight, worth, Simd::load(later[block]));
+            const Vec behind = Simd::fma(-coverage.weight, worth, Simd::load(later[block]));
             Simd::store(later[block], behind);
-            const Vec of_alpha = t * worth - behind / (one - alpha);
-            const Vec v = Simd::keep(hit & (raw <= ALPHA_MAX), of_alpha * alpha);
-            const Vec vx = v * dx, vy = v * dy;
+            const Vec of_alpha = t * worth - behind * reciprocal(1.0f - coverage.alpha);
+            const Vec drawn = Simd::keep(coverage.raw <= ALPHA_MAX, coverage.alpha);
+            const Vec v = Simd::keep(coverage.weight > 0.0f, of_alpha * drawn);
+            const Vec dx = coverage.dx, dy = coverage.dy, vx = v * dx, vy = v * dy;
             sums[0] += v;
             sums[1] += vx;
             sums[2] += vy;

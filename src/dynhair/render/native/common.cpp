@@ -3,8 +3,8 @@
 // Each file in this folder is pasted into the body of one function, this one in front of it, so the helpers are static
 // members of local structs. Vector extensions rather than intrinsics: they compile to AVX-512, AVX2 or NEON alike.
 
-typedef float Vec __attribute__((vector_size(64)));
-typedef int Lanes __attribute__((vector_size(64)));  // per-lane truth: 0 or -1
+typedef float Vec __attribute__((ext_vector_type(16)));
+typedef int Lanes __attribute__((ext_vector_type(16)));  // per-lane truth: 0 or -1
 typedef bool Bits __attribute__((ext_vector_type(16)));
 typedef unsigned short u16;
 typedef long long i64;  // `long` has 32 bits on Windows
@@ -25,44 +25,28 @@ constexpr float LOG2_E = 1.44269504089f;
 enum Field { X, Y, XX, XY, YY, LOG2_OPACITY, UNUSED, DEPTH, FEATURES };
 
 struct Simd {
-    static inline Vec splat(float x) { return Vec{} + x; }
-    static inline Vec load(const float* p) { return *(const Vec*)p; }
+    static inline Vec load(const float* p) { return *(const Vec*)p; }  // aligned, like all that is on the stack
     static inline void store(float* p, Vec v) { *(Vec*)p = v; }
     static inline Vec fma(Vec a, Vec b, Vec c) { return __builtin_elementwise_fma(a, b, c); }
-    static inline Vec min(Vec a, Vec b) { return __builtin_elementwise_min(a, b); }
-    static inline Vec max(Vec a, Vec b) { return __builtin_elementwise_max(a, b); }
+    static inline Vec min(Vec a, Vec b) { return a < b ? a : b; }  // one instruction, unlike one that heeds NaN
+    static inline Vec max(Vec a, Vec b) { return a > b ? a : b; }
     static inline Vec clamp(Vec x, Vec low, Vec high) { return min(max(x, low), high); }
     static inline Vec sqrt(Vec x) { return __builtin_elementwise_sqrt(x); }
-    static inline Vec keep(Lanes where, Vec x) { return (Vec)(where & (Lanes)x); }
-    static inline Vec select(Lanes where, Vec a, Vec b) { return (Vec)((where & (Lanes)a) | (~where & (Lanes)b)); }
+    static inline Vec keep(Lanes where, Vec x) { return where ? x : (Vec)0.0f; }
     static inline unsigned bits(Lanes where)
     {
-        Bits lanes = __builtin_convertvector(where, Bits);
+        const Bits lanes = __builtin_convertvector(where, Bits);
         u16 result;
         __builtin_memcpy(&result, &lanes, sizeof result);
         return result;
-    }
-
-    // 2^x for x in [-126, 127]: relative error below 3e-7.
-    static inline Vec exp2(Vec x)
-    {
-        const Vec whole = __builtin_elementwise_roundeven(x), f = x - whole;
-        Vec p = splat(1.5403530e-4f);
-        p = fma(p, f, splat(1.3333558e-3f));
-        p = fma(p, f, splat(9.6181291e-3f));
-        p = fma(p, f, splat(5.5504109e-2f));
-        p = fma(p, f, splat(2.4022651e-1f));
-        p = fma(p, f, splat(6.9314718e-1f));
-        p = fma(p, f, splat(1.0f));
-        return (Vec)((Lanes)p + (__builtin_convertvector(whole, Lanes) << 23));
     }
 
     // log2 of a positive normal number, by the series of the inverse hyperbolic tangent.
     static inline Vec log2(Vec x)
     {
         const int SQRT_HALF = 0x3f3504f3;
-        const Lanes exponent = ((Lanes)x - SQRT_HALF) >> 23;
-        const Vec m = (Vec)((Lanes)x - (exponent << 23));  // in [sqrt(1/2), sqrt(2))
+        const Lanes exponent = (__builtin_bit_cast(Lanes, x) - SQRT_HALF) >> 23;
+        const Vec m = __builtin_bit_cast(Vec, __builtin_bit_cast(Lanes, x) - (exponent << 23));  // about 1
         const Vec s = (m - 1.0f) / (m + 1.0f), s2 = s * s;
         const Vec series = s * (2.0f + s2 * (2.0f / 3 + s2 * (2.0f / 5 + s2 * (2.0f / 7 + s2 * (2.0f / 9)))));
         return __builtin_convertvector(exponent, Vec) + series * LOG2_E;
@@ -79,11 +63,11 @@ auto reached_cells = [=](const float* s, float left, float top, float size) -> u
     const float xx = s[XX], xy = s[XY], yy = s[YY];
     const Vec x0 = COLUMN * size + (left + 0.5f - s[X]), x1 = x0 + (size - 1.0f);
     const Vec y0 = ROW * size + (top + 0.5f - s[Y]), y1 = y0 + (size - 1.0f);
-    const Vec near_x = Simd::clamp(Vec{}, x0, x1), near_y = Simd::clamp(Vec{}, y0, y1);
+    const Vec near_x = Simd::clamp(0.0f, x0, x1), near_y = Simd::clamp(0.0f, y0, y1);
     const Vec y = Simd::clamp(near_x * (-0.5f * xy / yy), y0, y1);  // best on the side that faces in x
     const Vec x = Simd::clamp(near_y * (-0.5f * xy / xx), x0, x1);  // best on the side that faces in y
-    const Vec a = near_x * (near_x * xx + y * xy) + y * y * yy;
-    const Vec b = x * (x * xx + near_y * xy) + near_y * near_y * yy;
+    const Vec a = near_x * (near_x * xx + y * xy) + y * (y * yy);
+    const Vec b = x * (x * xx + near_y * xy) + near_y * (near_y * yy);
     const float margin = 0.01f;
     return Simd::bits(Simd::max(a, b) >= LOG2_ALPHA_MIN - margin - s[LOG2_OPACITY]);
 };

@@ -51,8 +51,8 @@ struct Projection {
         R[2][2] = 1.0f - 2.0f * (i * i + j * j);
 
         const Vec raw_x = x * inverse_z, raw_y = y * inverse_z;
-        slope_x = Simd::clamp(raw_x, Simd::splat(camera[16]), Simd::splat(camera[17]));
-        slope_y = Simd::clamp(raw_y, Simd::splat(camera[18]), Simd::splat(camera[19]));
+        slope_x = Simd::clamp(raw_x, camera[16], camera[17]);
+        slope_y = Simd::clamp(raw_y, camera[18], camera[19]);
         free_x = slope_x == raw_x;
         free_y = slope_y == raw_y;
         const Vec jx = fx * inverse_z, jy = fy * inverse_z;

@@ -11,12 +11,29 @@
 const int tiles_x = (width + TILE - 1) / TILE, tiles_y = (height + TILE - 1) / TILE;
 u64* key = keys + first;
 const float cx = camera[14], cy = camera[15];
-const Vec infinity = Simd::splat(__builtin_inff());
+const float infinity = __builtin_inff();
 
 // Tile that holds a pixel coordinate, clamped to [0, limit].
 auto to_tile = [](float pixel, int limit) -> int {
     const float tile = pixel * (1.0f / TILE);
     return tile <= 0.0f ? 0 : tile >= (float)limit ? limit : (int)tile;
+};
+
+// Copies numbers and says whether all of them are finite.
+auto copy_finite = [](const float* from, int count, float* to) -> bool {
+    typedef unsigned Quad __attribute__((ext_vector_type(4), aligned(4)));
+    const unsigned exponent = 0x7f800000;
+    int invalid = 0, c = 0;
+    for (; c + 4 <= count; c += 4) {
+        const Quad four = *(const Quad*)(from + c);
+        *(Quad*)(to + c) = four;
+        invalid |= __builtin_reduce_or((four & exponent) == exponent);
+    }
+    for (; c < count; ++c) {
+        to[c] = from[c];
+        invalid |= (__builtin_bit_cast(unsigned, from[c]) & exponent) == exponent;
+    }
+    return !invalid;
 };
 
 for (int base = first; base < last; base += 16) {
@@ -26,8 +43,8 @@ for (int base = first; base < last; base += 16) {
     Vec opacity;
     Projection::gather(opacities + base, 1, count, &opacity);
 
-    const Vec log2_opacity = Simd::log2(Simd::max(opacity, Simd::splat(1e-6f)));
-    const Vec reach = Simd::sqrt(2.0f / LOG2_E * Simd::max(log2_opacity - LOG2_ALPHA_MIN, Vec{}));  // in sigmas
+    const Vec log2_opacity = Simd::log2(Simd::max(opacity, 1e-6f));
+    const Vec reach = Simd::sqrt(2.0f / LOG2_E * Simd::max(log2_opacity - LOG2_ALPHA_MIN, 0.0f));  // in sigmas
     const Vec x = p.x * p.inverse_z * camera[12] + cx, y = p.y * p.inverse_z * camera[13] + cy;
     const Vec reach_x = reach * Simd::sqrt(p.cov_xx), reach_y = reach * Simd::sqrt(p.cov_yy);
     const Vec to_exponent = -0.5f * LOG2_E * p.inverse_det;
@@ -44,7 +61,7 @@ for (int base = first; base < last; base += 16) {
     Simd::store(lanes[XY], to_exponent * p.cov_xy * -2.0f);
     Simd::store(lanes[YY], to_exponent * p.cov_xx);
     Simd::store(lanes[LOG2_OPACITY], log2_opacity);
-    Simd::store(lanes[UNUSED], Vec{});
+    Simd::store(lanes[UNUSED], 0.0f);
     Simd::store(lanes[DEPTH], p.z);
     Simd::store(box[0], x - reach_x - 0.5f);
     Simd::store(box[1], x + reach_x - 0.5f);
@@ -60,14 +77,8 @@ for (int base = first; base < last; base += 16) {
 
         float* splat = splats + i * stride;
         for (int k = 0; k < FEATURES; ++k) splat[k] = lanes[k][l];
-        const float* feature = features + i * channels;
-        float zero = 0.0f;  // stays so unless a feature is not finite
-        for (int c = 0; c < channels; ++c) {
-            splat[FEATURES + c] = feature[c];
-            zero += feature[c] * 0.0f;
-        }
+        if (!copy_finite(features + i * channels, channels, splat + FEATURES)) continue;
         for (int c = FEATURES + channels; c < stride; ++c) splat[c] = 0.0f;
-        if (!(zero == 0.0f)) continue;
 
         const int x0 = to_tile(box[0][l], tiles_x), x1 = to_tile(box[1][l] + TILE, tiles_x);
         const int y0 = to_tile(box[2][l], tiles_y), y1 = to_tile(box[3][l] + TILE, tiles_y);

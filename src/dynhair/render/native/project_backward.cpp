@@ -5,37 +5,52 @@
 // grad_*          overwritten, or added to where `accumulate` (`accumulate_features`) is set
 
 
-// Adds the first `count` lanes of `columns` to rows of `width` floats, or writes them there.
-auto scatter = [=](const Vec* columns, int width, int count, bool add, float* rows) {
-    for (int k = 0; k < width; ++k)
-        for (int l = 0; l < count; ++l) rows[l * width + k] = columns[k][l] + (add ? rows[l * width + k] : 0.0f);
+typedef float Quad __attribute__((ext_vector_type(4), aligned(4)));
+typedef int QuadTruth __attribute__((ext_vector_type(4)));
+
+// Writes the first `count` lanes of `columns` to rows of `width` floats, or adds them there.
+auto scatter = [=](const Vec* columns, int width, int count, float* rows) {
+    alignas(64) float lanes[4][16];
+    for (int k = 0; k < width; ++k) Simd::store(lanes[k], columns[k]);
+    if (accumulate)
+        for (int l = 0; l < count; ++l)
+            for (int k = 0; k < width; ++k) rows[l * width + k] += lanes[k][l];
+    else
+        for (int l = 0; l < count; ++l)
+            for (int k = 0; k < width; ++k) rows[l * width + k] = lanes[k][l];
 };
 
 for (int base = first; base < last; base += 16) {
     const int count = last - base < 16 ? last - base : 16;
 
-    Vec g[FEATURES];
-    alignas(64) float lanes[FEATURES][16];
-    bool any = false;
-    for (int l = 0; l < 16; ++l)
-        for (int k = 0; k < FEATURES; ++k) lanes[k][l] = 0.0f;
+    // The parts of a splat's gradient, summed over slices: the header into columns, the features to where they belong.
+    alignas(64) float lanes[FEATURES][16] = {};
+    unsigned any = 0;
     for (int l = 0; l < count; ++l) {
         const float* row = grads + (base + l) * (i64)stride;
-        for (int k = 0; k < FEATURES; ++k) {
-            float sum = row[k];
-            for (int s = 1; s < slices; ++s) sum += row[(i64)s * n * stride + k];
-            lanes[k][l] = sum;
-            any |= sum != 0.0f;
+        alignas(16) float header[FEATURES];
+        for (int k = 0; k < FEATURES; k += 4) {
+            Quad sum = *(const Quad*)(row + k);
+            for (int s = 1; s < slices; ++s) sum += *(const Quad*)(row + (i64)s * n * stride + k);
+            *(Quad*)(header + k) = sum;
+            any |= __builtin_reduce_or((QuadTruth)(sum != 0.0f));
         }
+        for (int k = 0; k < FEATURES; ++k) lanes[k][l] = header[k];
+
         float* feature = grad_features + (base + l) * (i64)channels;
-        for (int c = 0; c < channels; ++c) {
-            float sum = row[FEATURES + c];
-            for (int s = 1; s < slices; ++s) sum += row[(i64)s * n * stride + FEATURES + c];
-            feature[c] = sum + (accumulate_features ? feature[c] : 0.0f);
+        for (int c = 0; c < channels; c += 4) {
+            Quad sum = *(const Quad*)(row + FEATURES + c);  // there is room: splats have a multiple of 4 features
+            for (int s = 1; s < slices; ++s) sum += *(const Quad*)(row + (i64)s * n * stride + FEATURES + c);
+            if (c + 4 <= channels)
+                *(Quad*)(feature + c) = accumulate_features ? sum + *(const Quad*)(feature + c) : sum;
+            else
+                for (int k = 0; c + k < channels; ++k)
+                    feature[c + k] = sum[k] + (accumulate_features ? feature[c + k] : 0.0f);
         }
     }
     Vec d_mean[3] = {}, d_quat[4] = {}, d_scale[3] = {}, d_opacity[1] = {};
     if (any) {
+        Vec g[FEATURES];
         for (int k = 0; k < FEATURES; ++k) g[k] = Simd::load(lanes[k]);
         Projection p;
         p.project(camera, means + (i64)3 * base, quats + (i64)4 * base, scales + (i64)3 * base, count);
@@ -104,8 +119,8 @@ for (int base = first; base < last; base += 16) {
         for (int e = 0; e < 3; ++e) d_scale[e] = Simd::keep(drawn, d_scale[e]);
         d_opacity[0] = Simd::keep(drawn, d_opacity[0]);
     }
-    scatter(d_mean, 3, count, accumulate, grad_means + (i64)3 * base);
-    scatter(d_quat, 4, count, accumulate, grad_quats + (i64)4 * base);
-    scatter(d_scale, 3, count, accumulate, grad_scales + (i64)3 * base);
-    scatter(d_opacity, 1, count, accumulate, grad_opacities + base);
+    scatter(d_mean, 3, count, grad_means + (i64)3 * base);
+    scatter(d_quat, 4, count, grad_quats + (i64)4 * base);
+    scatter(d_scale, 3, count, grad_scales + (i64)3 * base);
+    scatter(d_opacity, 1, count, grad_opacities + base);
 }
