@@ -114,7 +114,7 @@ def test_an_avatar_survives_its_folder(avatar: Avatar, tmp_path: Path) -> None:
 
 
 def test_damaged_avatars_are_named(avatar: Avatar, tmp_path: Path) -> None:
-    def damaged(name: str, change) -> None:  # noqa: ANN001
+    def damaged(name: str, change) -> None:
         avatar.save(tmp_path / "a")
         change(tmp_path / "a" / name)
         with pytest.raises(DynhairError) as caught:

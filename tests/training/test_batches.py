@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 import torch
 
 from dynhair.capture import Capture
 from dynhair.training.batches import Batches
 from dynhair.training.head_start import training_segments
-from tests.synthetic import write_synthetic_capture
+from synthetic import write_synthetic_capture
 
 
 @pytest.fixture(scope="module")

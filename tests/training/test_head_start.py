@@ -18,7 +18,7 @@ from dynhair.training.head_start import (
     tracked_positions,
     training_segments,
 )
-from tests.synthetic import write_synthetic_capture
+from synthetic import write_synthetic_capture
 
 CONFIG = HeadConfig(gaussians=600, features=4, deformation_width=16, appearance_width=8)
 
@@ -43,8 +43,8 @@ def test_points_hold_the_vertices_and_cover_faces_by_area() -> None:
     assert positions.shape == (1006, 3)
     torch.testing.assert_close(positions[:6], vertices)
     between = positions[6:]
-    assert abs(int((between[:, 2] == 5).sum()) - 750) <= 1
-    near = between[between[:, 2] == 0]
+    assert abs(int((between[:, 2] > 2).sum()) - 750) <= 1
+    near = between[between[:, 2] < 2]
     assert (near[:, :2] >= -1e-6).all()
     assert (near[:, :2].sum(1) <= 1 + 1e-6).all()
     torch.testing.assert_close(near[:, :2].mean(0), torch.full((2,), 1 / 3), atol=0.03, rtol=0)

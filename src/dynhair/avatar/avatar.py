@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import safetensors
 import safetensors.torch
@@ -45,8 +45,7 @@ class PosedAvatar:
     pose: HeadPose
 
 
-@dataclass(frozen=True)
-class AvatarImages:
+class AvatarImages(NamedTuple):
     """What the cameras see.
 
     Attributes:

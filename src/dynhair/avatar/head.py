@@ -163,7 +163,7 @@ class Head(nn.Module):
         total = None
         for network, condition, share in ((on_expression, expression, weight), (on_pose, pose_code, 1 - weight)):
             rows = torch.nonzero(share).squeeze(1)
-            value = network(points[rows], condition)
+            value = network(points.index_select(0, rows), condition)
             value = share[rows, None] * (value.tanh() if bounded else value)
             if total is None:
                 total = points.new_zeros(len(points), value.shape[-1])

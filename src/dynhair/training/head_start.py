@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -14,62 +13,39 @@ from dynhair.avatar import Head, head_pose
 from dynhair.capture import Capture, HeadTrack, Segment
 from dynhair.config import HeadConfig
 from dynhair.errors import DynhairError
+from dynhair.strands import Roots, sample_roots
 
 FRAMES_PER_STEP = 4
 POINTS_PER_STEP = 2048
 
 
-@dataclass(frozen=True)
-class SurfacePoints:
-    """Points bound to a mesh: the same place on the skin in every frame.
-
-    Attributes:
-        corners: vertex indices of each point's triangle.
-        weights: barycentric coordinates.
-    """
-
-    corners: Int64[Tensor, "k 3"]
-    weights: Float[Tensor, "k 3"]
-
-    def positions(self, vertices: Float[Tensor, "v 3"]) -> Float[Tensor, "k 3"]:
-        """Where the points are when the mesh's vertices are at ``vertices``."""
-        return torch.einsum("kc,kcd->kd", self.weights, vertices[self.corners])
-
-
-def surface_points(vertices: Float[Tensor, "v 3"], faces: Int64[Tensor, "f 3"], count: int, seed: int) -> SurfacePoints:
+def surface_points(vertices: Float[Tensor, "v 3"], faces: Int64[Tensor, "f 3"], count: int, seed: int) -> Roots:
     """The mesh's own vertices and, between them, points spread evenly by area, ``count`` together.
 
     A mesh of more vertices than ``count`` is thinned out evenly by index.
+
+    Returns:
+        Points bound to the mesh: the same places on the skin in every frame.
     """
-    generator = torch.Generator().manual_seed(seed)
-    corner_of_vertex = torch.zeros(len(vertices), dtype=torch.long)
+    face_of_vertex = torch.full((len(vertices),), -1)
     slot_of_vertex = torch.zeros(len(vertices), dtype=torch.long)
-    used = torch.zeros(len(vertices), dtype=torch.bool)
     for slot in range(3):
-        corner_of_vertex[faces[:, slot]] = torch.arange(len(faces))
+        face_of_vertex[faces[:, slot]] = torch.arange(len(faces))
         slot_of_vertex[faces[:, slot]] = slot
-        used[faces[:, slot]] = True
-    chosen = torch.nonzero(used).squeeze(1)
+    chosen = torch.nonzero(face_of_vertex >= 0).squeeze(1)
     if len(chosen) > count:
         chosen = chosen[torch.linspace(0, len(chosen) - 1, count).long()]
-    at_vertices = torch.nn.functional.one_hot(slot_of_vertex[chosen], 3).float()
-
-    between = count - len(chosen)
-    edges = vertices[faces[:, 1:]] - vertices[faces[:, :1]]
-    area = torch.linalg.cross(edges[:, 0], edges[:, 1]).norm(dim=-1).double()
-    cumulative = area.cumsum(0)
-    # one sample in each of `between` equal shares of the area: more even than independent draws
-    shares = (torch.arange(between) + torch.rand(between, generator=generator)).double() / max(between, 1)
-    sampled = torch.searchsorted(cumulative, shares * cumulative[-1]).clamp_max(len(faces) - 1)
-    u, v = torch.rand(2, between, generator=generator)
-    root = u.sqrt()
-    weights = torch.stack([1 - root, root * (1 - v), root * v], -1)
-    return SurfacePoints(
-        torch.cat([faces[corner_of_vertex[chosen]], faces[sampled]]), torch.cat([at_vertices, weights])
+    own = face_of_vertex[chosen]
+    corners = torch.nn.functional.one_hot(slot_of_vertex[chosen], 3).float()
+    between = sample_roots(vertices, faces, torch.arange(len(faces)), count - len(chosen), seed)
+    return Roots(
+        torch.cat([own, between.face]),
+        torch.cat([faces[own], between.triangle]),
+        torch.cat([corners, between.barycentric]),
     )
 
 
-def start_head(capture: Capture, config: HeadConfig, seed: int) -> tuple[Head, SurfacePoints]:
+def start_head(capture: Capture, config: HeadConfig, seed: int) -> tuple[Head, Roots]:
     """A head whose Gaussians lie on the tracked mesh of the capture's rest frame.
 
     Raises:
@@ -98,7 +74,7 @@ def start_head(capture: Capture, config: HeadConfig, seed: int) -> tuple[Head, S
 
 def fit_tracking(
     head: Head,
-    points: SurfacePoints,
+    points: Roots,
     capture: Capture,
     segments: Sequence[Segment],
     *,
@@ -131,7 +107,7 @@ def fit_tracking(
     for step in range(iterations):
         loss = torch.zeros(())
         rows = torch.randint(len(head.means), (POINTS_PER_STEP,), generator=generator)
-        chosen = SurfacePoints(points.corners[rows], points.weights[rows])
+        chosen = Roots(points.face[rows], points.triangle[rows], points.barycentric[rows])
         for _ in range(FRAMES_PER_STEP):
             number = draw(len(segments))
             index = draw(segments[number].count)
@@ -145,7 +121,7 @@ def fit_tracking(
         progress(step + 1, iterations, float(loss.detach().sqrt()))
 
 
-def tracked_positions(capture: Capture, segment: Segment, index: int, points: SurfacePoints) -> Float[Tensor, "k 3"]:
+def tracked_positions(capture: Capture, segment: Segment, index: int, points: Roots) -> Float[Tensor, "k 3"]:
     """Where the surface points are in one frame of a segment, in the head frame, metres."""
     vertices = torch.from_numpy(capture.vertices(segment.start + index))
     return head_frame(capture.track(segment), index)(points.positions(vertices))
@@ -159,11 +135,7 @@ def head_frame(track: HeadTrack, index: int) -> Callable[[Tensor], Tensor]:
 
 
 def rest_frame(capture: Capture) -> tuple[Segment, int]:
-    """The training segment, and the index inside it, of the frame in which the hair is at rest.
-
-    Raises:
-        DynhairError: the capture has no training segment.
-    """
+    """The training segment, and the index inside it, of the frame in which the hair is at rest."""
     training = training_segments(capture)
     for segment in training:
         if capture.static_frame in segment.frames:
@@ -172,20 +144,8 @@ def rest_frame(capture: Capture) -> tuple[Segment, int]:
 
 
 def training_segments(capture: Capture) -> list[Segment]:
-    """The segments that training may see.
-
-    Raises:
-        DynhairError: there are none.
-    """
-    training = [segment for segment in capture.segments if segment.split == "train"]
-    if not training:
-        raise DynhairError(
-            "the capture has no training segment",
-            path=capture.path,
-            expected="a segment with split 'train'",
-            mend="give a segment in capture.json the split 'train'",
-        )
-    return training
+    """The segments that training may see."""
+    return [segment for segment in capture.segments if segment.split == "train"]
 
 
 def mean_spacing(points: Float[Tensor, "k 3"]) -> Float[Tensor, " k"]:

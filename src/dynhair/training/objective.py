@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -22,14 +22,13 @@ from dynhair.losses import (
     segmentation_weight,
     ssim_loss,
 )
-from dynhair.strands import MeshDistance
+from dynhair.strands import MeshDistance, Roots
 from dynhair.training.batches import Batch
-from dynhair.training.head_start import SurfacePoints, tracked_positions
+from dynhair.training.head_start import tracked_positions
 
 
-@dataclass(frozen=True)
-class StepResult:
-    """What one step computed.
+class StepResult(NamedTuple):
+    """What one step computed (a tuple, for data-parallel wrappers look inside what a module returns).
 
     Attributes:
         loss: the weighted sum.
@@ -58,7 +57,7 @@ class JointObjective(nn.Module):
         avatar: Avatar,
         capture: Capture,
         segments: Sequence[Segment],
-        points: SurfacePoints,
+        points: Roots,
         config: TrainingConfig,
     ) -> None:
         super().__init__()

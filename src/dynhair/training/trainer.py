@@ -20,9 +20,10 @@ from dynhair.capture import Capture
 from dynhair.config import Config, LearningRates
 from dynhair.errors import DynhairError
 from dynhair.motion import SignalNormalizer, motion_signals
+from dynhair.strands import Roots
 from dynhair.training.batches import Batches, load_batch
 from dynhair.training.checkpoint import Checkpoint
-from dynhair.training.head_start import SurfacePoints, fit_tracking, rest_frame, start_head, training_segments
+from dynhair.training.head_start import fit_tracking, rest_frame, start_head, training_segments
 from dynhair.training.objective import JointObjective
 from dynhair.training.previews import preview_picture, write_preview
 from dynhair.training.progress import StageProgress
@@ -99,7 +100,7 @@ class _Training:
         avatar.save(self.run.avatar)
         return avatar
 
-    def _start(self) -> tuple[Avatar, SurfacePoints, Checkpoint | None]:
+    def _start(self) -> tuple[Avatar, Roots, Checkpoint | None]:
         """The avatar before the joint training, or as the checkpoint left it."""
         strands = self.run.read_canonical_hair()
         if strands is None:
