@@ -40,7 +40,7 @@ _LISTS = "splats starts:i32 entries:i32 reached:u16 ends:i32"
 
 def project() -> Kernel:
     return _kernel(
-        "common geometry project",
+        "common geometry tiles project",
         "first last width height stride channels",
         f"{_GAUSSIANS} features splats bounds:u16 masks:u16 keys:u64 counts:i32",
     )
@@ -48,7 +48,7 @@ def project() -> Kernel:
 
 def bin_splats() -> Kernel:
     return _kernel(
-        "common bin",
+        "common tiles bin",
         "width height stride visible",
         "splats bounds:u16 masks:u16 keys:u64 spare:u64 starts:i32 entries:i32 cursors:i32",
     )

@@ -83,19 +83,16 @@ for (int base = first; base < last; base += 16) {
         const int x0 = to_tile(box[0][l], tiles_x), x1 = to_tile(box[1][l] + TILE, tiles_x);
         const int y0 = to_tile(box[2][l], tiles_y), y1 = to_tile(box[3][l] + TILE, tiles_y);
         if (x0 >= x1 || y0 >= y1) continue;
-        bool any = false;
-        for (int ty = y0; ty < y1; ty += 4)
-            for (int tx = x0; tx < x1; tx += 4) {
-                const int columns = x1 - tx < 4 ? x1 - tx : 4, rows = y1 - ty < 4 ? y1 - ty : 4;
-                unsigned mask = (0x1111u * ((1u << columns) - 1)) & ((1u << 4 * rows) - 1);
-                if (columns * rows > 1) mask &= reached_cells(splat, tx * TILE, ty * TILE, TILE);
-                masks[i] = mask;
-                any |= mask != 0;
-                for (; mask; mask &= mask - 1) {
-                    const int cell = __builtin_ctz(mask);
-                    ++counts[(ty + (cell >> 2)) * tiles_x + tx + (cell & 3)];
-                }
+        masks[i] = reached_tiles(splat, x0, x1, y0, y1);
+        unsigned any = 0;
+        visit_tiles(splat, x0, x1, y0, y1, masks[i], [&](unsigned mask, int tx, int ty) {
+            any |= mask;
+            int* corner = counts + ty * tiles_x + tx;
+            for (; mask; mask &= mask - 1) {
+                const int cell = __builtin_ctz(mask);
+                ++corner[(cell >> 2) * tiles_x + (cell & 3)];
             }
+        });
         if (!any) continue;
         tiles[0] = x0, tiles[1] = x1, tiles[2] = y0, tiles[3] = y1;
         unsigned depth_bits;  // the bits of positive floats sort like the floats

@@ -1,0 +1,44 @@
+"""Kernels on several threads: as many as PyTorch is set to use."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+
+import torch
+from torch import Tensor
+
+TILE_COST = 32  # of an empty tile, in list entries
+
+
+def slices_per_view(views: int) -> int:
+    """Count the ranges to cut each view into, so that all threads have work."""
+    return max(1, torch.get_num_threads() // views)
+
+
+def share(count: int, parts: int) -> list[tuple[int, int]]:
+    """Cut ``range(count)`` into contiguous ranges of about the same length."""
+    return list(pairwise(count * part // parts for part in range(parts + 1)))
+
+
+def share_tiles(starts: Tensor, parts: int) -> list[tuple[int, int]]:
+    """Cut a view's tiles into contiguous ranges of about the same work."""
+    if parts == 1:
+        return [(0, len(starts) - 1)]
+    work = starts.long() + TILE_COST * torch.arange(len(starts))
+    cuts = torch.searchsorted(work, work[-1] * torch.arange(1, parts) // parts).tolist()
+    return list(pairwise([0, *cuts, len(starts) - 1]))
+
+
+def run(tasks: Iterable[Callable[[], None]]) -> None:
+    """Run tasks on as many threads as PyTorch uses."""
+    tasks = list(tasks)
+    workers = min(torch.get_num_threads(), len(tasks))
+    if workers == 1:
+        for task in tasks:
+            task()
+        return
+    with ThreadPoolExecutor(workers) as pool:  # not kept: its threads would not survive a fork
+        for done in [pool.submit(task) for task in tasks]:
+            done.result()
