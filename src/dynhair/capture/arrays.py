@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,8 +20,8 @@ def read_npy(path: Path, shape: Shape) -> np.ndarray:
     Raises:
         DynhairError: the file is missing, damaged, pickled, of another shape, or holds NaN or infinity.
     """
-    with _readable(path):
-        array = np.load(path, allow_pickle=False)
+    with _readable(path), path.open("rb") as file:
+        array = np.load(file, allow_pickle=False)
         if not isinstance(array, np.ndarray):
             array.close()
             raise ValueError("an archive of arrays, not one array")
@@ -37,8 +35,8 @@ def read_npz(path: Path, shapes: Mapping[str, Shape]) -> dict[str, np.ndarray]:
         DynhairError: as for `read_npy`, or an array is not in the archive.
     """
     arrays: dict[str, np.ndarray] = {}
-    with _readable(path):
-        archive = np.load(path, allow_pickle=False)
+    with _readable(path), path.open("rb") as file:
+        archive = np.load(file, allow_pickle=False)
         if isinstance(archive, np.ndarray):
             raise ValueError("one array, not an archive of arrays")
         with archive:
@@ -59,10 +57,18 @@ def _readable(path: Path) -> Iterator[None]:
     try:
         yield
     except FileNotFoundError:
-        raise DynhairError("the file is missing", path=path, mend="write it, or leave its frame out") from None
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
+        raise DynhairError(
+            "the file is missing", path=path, expected="a file of NumPy's", mend="write it, or leave its frame out"
+        ) from None
+    except DynhairError:
+        raise
+    except Exception as error:  # damaged files make NumPy and zipfile raise all sorts
         pickled = "allow_pickle" in str(error)
-        found = "holds pickled objects, which are not opened" if pickled else f"cannot be read ({error})"
+        found = (
+            "holds pickled objects, which are not opened"
+            if pickled
+            else f"cannot be read ({str(error) or type(error).__name__})"
+        )
         raise DynhairError(
             found,
             path=path,

@@ -7,8 +7,6 @@ lower four are ignored.
 
 from __future__ import annotations
 
-import struct
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Float, UInt8
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 from torch import Tensor
 
 from dynhair.capture.records import View
@@ -82,13 +80,13 @@ def read_rgb(path: Path) -> UInt8[np.ndarray, "h w 3"]:
     Raises:
         DynhairError: the file is missing, truncated or not an image; so for all readers here.
     """
-    with _opened(path) as image:
+    with open_image(path) as image:
         return np.array(image.convert("RGB"))
 
 
 def read_mask(path: Path) -> UInt8[np.ndarray, "h w"]:
     """Read a mask: a grey image, or the first channel of one with several."""
-    with _opened(path) as image:
+    with open_image(path) as image:
         if image.mode in ("L", "LA", "RGB", "RGBA"):
             return np.array(image.getchannel(0))
         return np.array(image.convert("L"))
@@ -96,7 +94,7 @@ def read_mask(path: Path) -> UInt8[np.ndarray, "h w"]:
 
 def read_orientation(path: Path) -> UInt8[np.ndarray, "h w 2"]:
     """Read an orientation map as luminance and alpha."""
-    with _opened(path) as image:
+    with open_image(path) as image:
         if image.mode == "P" and "transparency" in image.info:
             return np.array(image.convert("RGBA"))[..., [0, 3]]
         if image.mode != "LA":
@@ -109,18 +107,30 @@ def read_orientation(path: Path) -> UInt8[np.ndarray, "h w 2"]:
         return np.array(image)
 
 
+def read_size(path: Path) -> tuple[int, int]:
+    """Read an image's width and height from its header."""
+    with open_image(path) as image:
+        return image.size
+
+
 @contextmanager
-def _opened(path: Path) -> Iterator[Image.Image]:
+def open_image(path: Path) -> Iterator[Image.Image]:
+    """Open an image; whatever fails inside the block for its damage is a DynhairError too."""
     try:
         with Image.open(path) as image:
-            image.load()
             yield image
     except FileNotFoundError:
         raise DynhairError("the file is missing", path=path) from None
-    except (OSError, SyntaxError, ValueError, EOFError, struct.error, zlib.error) as error:
-        raise DynhairError(
-            f"not readable as an image ({error})", path=path, expected="a whole JPEG or PNG", mend="write it again"
-        ) from None
+    except DynhairError:
+        raise
+    except UnidentifiedImageError:
+        raise _unreadable(path, "is not an image") from None
+    except Exception as error:  # damaged files make Pillow's decoders raise all sorts
+        raise _unreadable(path, f"is damaged ({error})") from None
+
+
+def _unreadable(path: Path, found: str) -> DynhairError:
+    return DynhairError(found, path=path, expected="a whole JPEG or PNG", mend="write it again")
 
 
 def _unit(pixels: np.ndarray) -> Tensor:

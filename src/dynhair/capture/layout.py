@@ -6,13 +6,12 @@ ground truth beside it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
-from PIL import Image, UnidentifiedImageError
-
+from dynhair.capture.encoding import read_size
 from dynhair.capture.manifest import Manifest
 from dynhair.capture.records import Segment
 from dynhair.errors import DynhairError
@@ -96,6 +95,11 @@ def frame_ids(folder: Path) -> list[int]:
     return sorted(int(entry.name) for entry in folder.iterdir() if entry.name.isdecimal() and entry.is_dir())
 
 
+def consecutive_runs(frames: Sequence[int]) -> list[list[int]]:
+    """Split sorted frame ids where they leave gaps."""
+    return [[frame for _, frame in run] for _, run in groupby(enumerate(frames), key=lambda item: item[1] - item[0])]
+
+
 def view_names(folder: Path, kind: str = "image", *, lowres: bool = False) -> Iterator[str]:
     """Yield the names of the views in ``folder`` that have a map of this kind, in no particular order."""
     if not folder.is_dir():
@@ -106,19 +110,6 @@ def view_names(folder: Path, kind: str = "image", *, lowres: bool = False) -> It
             name = entry.stem.removeprefix(prefix)
             if lowres or not name.startswith("lowres_"):
                 yield name
-
-
-def image_size(path: Path) -> tuple[int, int]:
-    """Width and height from an image's header.
-
-    Raises:
-        DynhairError: the file is not an image.
-    """
-    try:
-        with Image.open(path) as image:
-            return image.size
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
-        raise DynhairError(f"not readable as an image ({error})", path=path, mend="write the image again") from None
 
 
 def guess_manifest(layout: Layout) -> Manifest:
@@ -142,11 +133,11 @@ def guess_manifest(layout: Layout) -> Manifest:
     native = Layout(layout.root)
     first = native.find_image(layout.frame_images(frames[0]), "image", names[0])
     assert first is not None, "its name was listed"
-    runs = [[frame for _, frame in run] for _, run in groupby(enumerate(frames), key=lambda item: item[1] - item[0])]
+    runs = consecutive_runs(frames)
     labels = ["all"] if len(runs) == 1 else [f"all-{i + 1}" for i in range(len(runs))]
     return Manifest(
         fps=DEFAULT_FPS,
-        image_size=image_size(first),
+        image_size=read_size(first),
         camera_names=tuple(names),
         segments=tuple(Segment(label, run[0], len(run), "train") for label, run in zip(labels, runs, strict=True)),
         background=None,

@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from dynhair.camera import Camera
 from dynhair.capture.arrays import read_npy, read_npz
-from dynhair.capture.layout import Layout, guess_manifest, image_size, view_names
+from dynhair.capture.encoding import read_size
+from dynhair.capture.layout import Layout, guess_manifest, view_names
 from dynhair.capture.manifest import Manifest, parse_manifest
 from dynhair.capture.records import GroundTruth, HeadTrack, Segment, TrackedMesh, View
 from dynhair.capture.views import ViewFiles, ViewReader
@@ -278,7 +279,7 @@ class Capture:
         path = self.layout.find_image(folder, "image", self.camera_names[0])
         if path is None:
             raise DynhairError("has no image_lowres_* files", path=folder, mend="open the capture at full size")
-        return image_size(path)
+        return read_size(path)
 
     def _camera(self, path: Path) -> Camera:
         camera = self._cameras.get(path)
