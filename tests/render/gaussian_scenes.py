@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from dynhair.camera import Camera
-from dynhair.render import Gaussians, Rendering
+from dynhair.render import Gaussians, Rendering, rasterize
 
 NAMES = ("means", "quats", "scales", "opacities", "features")
 
@@ -53,3 +53,18 @@ def loss(rendering: Rendering) -> Tensor:
 
 def gradients(gaussians: Gaussians) -> dict[str, Tensor]:
     return {name: getattr(gaussians, name).grad for name in NAMES}
+
+
+def assert_agrees(gaussians: Gaussians, cameras: list[Camera], gradient_tolerance: float = 1e-3) -> None:
+    """The CPU's images and gradients are those of the reference in double precision."""
+    fast, exact = leaves(gaussians), leaves(gaussians, torch.float64)
+    found, expected = rasterize(fast, cameras, backend="cpu"), rasterize(exact, cameras, backend="reference")
+    for image in ("features", "alpha", "depth"):
+        torch.testing.assert_close(getattr(found, image).double(), getattr(expected, image), atol=1e-4, rtol=0)
+    if not found.features.requires_grad:
+        return
+    loss(found).backward()
+    loss(expected).backward()
+    for name in NAMES:
+        difference = (gradients(fast)[name] - gradients(exact)[name]).norm()
+        assert difference <= gradient_tolerance * gradients(exact)[name].norm() + 1e-6, name

@@ -2,27 +2,12 @@ from __future__ import annotations
 
 import pytest
 import torch
-from gaussian_scenes import NAMES, camera, gradients, leaves, loss, random_gaussians
+from gaussian_scenes import assert_agrees, camera, gradients, leaves, loss, random_gaussians
 from hypothesis import given
 from hypothesis import strategies as st
 
 from dynhair.camera import Camera
-from dynhair.render import Gaussians, rasterize
-
-
-def assert_agrees(gaussians: Gaussians, cameras: list[Camera]) -> None:
-    """The CPU's images and gradients are those of the reference in double precision."""
-    fast, exact = leaves(gaussians), leaves(gaussians, torch.float64)
-    found, expected = rasterize(fast, cameras, backend="cpu"), rasterize(exact, cameras, backend="reference")
-    for image in ("features", "alpha", "depth"):
-        torch.testing.assert_close(getattr(found, image).double(), getattr(expected, image), atol=1e-4, rtol=0)
-    if not found.features.requires_grad:
-        return
-    loss(found).backward()
-    loss(expected).backward()
-    for name in NAMES:
-        difference = (gradients(fast)[name] - gradients(exact)[name]).norm()
-        assert difference <= 1e-3 * gradients(exact)[name].norm() + 1e-6, name
+from dynhair.render import rasterize
 
 
 @pytest.mark.parametrize("channels", [1, 3, 8, 13, 32])
