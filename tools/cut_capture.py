@@ -4,7 +4,7 @@ Landmarks in the images are left out: those of a simulated capture are the proje
 
 The bundled sample was made with the defaults:
 
-    python tools/cut_capture.py straight_long data/sample_capture
+    python -m tools.cut_capture straight_long data/sample_capture
 """
 
 from __future__ import annotations

@@ -192,6 +192,11 @@ def test_the_bundled_capture_has_no_findings() -> None:
     assert check_capture(capture) == []
 
 
+def test_a_gaussian_head_avatar_folder_is_usable(gha_folder: Path) -> None:
+    findings = check_capture(gha_folder)
+    assert {(f.severity, str(f.file)) for f in findings} == {("warning", "mesh.npz"), ("note", "capture.json")}
+
+
 def test_a_fault_of_many_files_is_one_finding(broken: Path) -> None:
     for path in broken.glob("images/*/mask_*.png"):
         truncate(path)

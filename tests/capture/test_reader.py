@@ -9,7 +9,6 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from PIL import Image
 from scipy.spatial.transform import Rotation
 from tests.synthetic import HEAD_ORIGIN
 
@@ -206,30 +205,8 @@ def test_views_do_not_share_memory_with_the_cache(pristine: Path) -> None:
     assert capture.view(0, "00").rgb.max() <= 1
 
 
-def make_gha(source: Path, target: Path) -> Capture:
-    """Turn a capture into what Gaussian Head Avatar's preparation leaves, with full and low-resolution images."""
-    shutil.copytree(source, target)
-    for name in ("capture.json", "mesh.npz"):
-        (target / name).unlink()
-    for name in ("gt", "landmarks", "static360"):
-        shutil.rmtree(target / name)
-    for folder in (target / "images").iterdir():
-        for path in folder.iterdir():
-            if path.name.startswith(("hair", "orient")):
-                path.unlink()
-                continue
-            image = Image.open(path).convert("RGB")
-            if path.name.startswith("image"):
-                image = Image.fromarray(np.maximum(np.asarray(image), 90))  # a grey wall behind
-            kind, _, name = path.stem.partition("_")
-            image.save(folder / f"{kind}_{name}.jpg", quality=95)
-            image.resize((20, 20), Image.Resampling.BOX).save(folder / f"{kind}_lowres_{name}.jpg", quality=95)
-            path.unlink()
-    return Capture.open(target)
-
-
-def test_a_gaussian_head_avatar_folder_opens(pristine: Path, tmp_path: Path) -> None:
-    capture = make_gha(pristine, tmp_path / "subject")
+def test_a_gaussian_head_avatar_folder_opens(pristine: Path, gha_folder: Path) -> None:
+    capture = Capture.open(gha_folder)
     assert capture.segments == (Segment("all", 0, 6, "train"),)
     assert (capture.fps, capture.image_size, capture.camera_names) == (25.0, (40, 40), ("00", "01"))
     assert (capture.static_names, capture.mesh) == ((), None)
@@ -242,19 +219,17 @@ def test_a_gaussian_head_avatar_folder_opens(pristine: Path, tmp_path: Path) -> 
     assert capture.track(capture.segments[0]).rotations.shape == (6, 3, 3)
 
 
-def test_the_low_resolution_images_of_a_gaussian_head_avatar_folder(pristine: Path, tmp_path: Path) -> None:
-    full = make_gha(pristine, tmp_path / "subject")
-    low = Capture.open(tmp_path / "subject", lowres=True)
+def test_the_low_resolution_images_of_a_gaussian_head_avatar_folder(gha_folder: Path) -> None:
+    full, low = Capture.open(gha_folder), Capture.open(gha_folder, lowres=True)
     assert low.image_size == (20, 20)
     assert low.view(0, "00").rgb.shape == (20, 20, 3)
     torch.testing.assert_close(low.camera(0, "00").K[:2] * 2, full.camera(0, "00").K[:2])
     torch.testing.assert_close(low.camera(0, "00").w2c, full.camera(0, "00").w2c)
 
 
-def test_gaps_between_frames_end_a_segment(pristine: Path, tmp_path: Path) -> None:
-    make_gha(pristine, tmp_path / "subject")
-    shutil.rmtree(tmp_path / "subject" / "images" / "0002")
-    assert Capture.open(tmp_path / "subject").segments == (
+def test_gaps_between_frames_end_a_segment(gha_folder: Path) -> None:
+    shutil.rmtree(gha_folder / "images" / "0002")
+    assert Capture.open(gha_folder).segments == (
         Segment("all-1", 0, 2, "train"),
         Segment("all-2", 3, 3, "train"),
     )
@@ -309,3 +284,14 @@ def test_a_writer_that_fails_leaves_nothing(pristine: Path, tmp_path: Path) -> N
     with pytest.raises(KeyError):
         fail()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_example_of_the_manual_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    root = Path(__file__).parents[2]
+    monkeypatch.chdir(root)
+    section = (root / "docs" / "capture.md").read_text().partition("## Reading")[2]
+    names: dict[str, object] = {}
+    exec(section.partition("```python\n")[2].partition("```")[0], names)
+    views = names["views"]
+    assert isinstance(views, list)
+    assert len(views) == 3
