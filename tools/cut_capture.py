@@ -24,7 +24,7 @@ from dynhair.capture.arrays import read_npz
 from dynhair.errors import DynhairError
 
 
-def cut_capture(  # noqa: PLR0917: the command line
+def cut_capture(
     source: Positional[Path],
     out: Positional[Path],
     motions: tuple[str, ...] = ("turn", "random1", "stop"),

@@ -41,7 +41,7 @@ def run_check(path: Path | str, sheet: Path | None = None) -> int:
         capture = Capture.open(path)
     except DynhairError:
         return 1
-    console.print(_summary(capture), highlight=False)
+    console.print(_summary(capture), highlight=False, soft_wrap=True)
     if sheet is not None:
         contact_sheet(capture, sheet)
         console.print(f"contact sheet: {sheet}", highlight=False)
