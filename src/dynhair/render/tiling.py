@@ -74,14 +74,15 @@ def list_splats(
     """
     n, channels, slices = len(attributes[0]), features.shape[-1], slices_per_view(len(views))
     stride = SPLAT_HEADER + feature_room(channels)
-    tiles = -(-width // TILE) * -(-height // TILE)
+    columns, rows = -(-width // TILE), -(-height // TILE)
+    tiles = columns * rows
     ranges = share(n, slices)
     passing = Workspace()  # for what is needed no longer than this function runs
     splats = [workspace.empty(n, stride) for _ in views]
     bounds = [passing.empty(n, 4, dtype=torch.int16) for _ in views]
     masks = [passing.empty(n, dtype=torch.int16) for _ in views]
     keys, spare = ([passing.empty(n, dtype=torch.int64) for _ in views] for _ in range(2))
-    counts = [torch.zeros(slices, tiles + 1, dtype=torch.int32) for _ in views]
+    counts = [torch.zeros(slices, tiles + columns + 2, dtype=torch.int32) for _ in views]
     project, bin_splats = kernels.project(), kernels.bin_splats()
     lists: dict[int, TileLists] = {}
 
@@ -97,7 +98,7 @@ def list_splats(
         packed = [keys[v][first : first + some] for (first, _), some in zip(ranges, visible, strict=True)]
         ordered = torch.cat(packed) if slices > 1 else packed[0]
         starts = torch.zeros(tiles + 1, dtype=torch.int64)
-        torch.cumsum(counts[v][:, :-1].sum(dim=0), dim=0, out=starts[1:])
+        torch.cumsum(counts[v][:, :tiles].sum(dim=0), dim=0, out=starts[1:])
         total = int(starts[-1])
         if total > MOST_ENTRIES:
             raise DynhairError(

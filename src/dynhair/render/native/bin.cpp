@@ -6,7 +6,7 @@
 // entries         (starts[tiles],): the lists
 // cursors         (tiles,) scratch
 
-const int tiles_x = (width + TILE - 1) / TILE, tiles = tiles_x * ((height + TILE - 1) / TILE);
+const int tiles = tiles_x * tiles_y;
 
 // Stable radix sort by depth, 11 bits at a time, of only as many bits as the depths' range takes.
 constexpr int DIGIT = 11, BUCKETS = 1 << DIGIT, MOST_DIGITS = 3;

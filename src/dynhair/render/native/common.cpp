@@ -27,7 +27,14 @@ enum Field { X, Y, XX, XY, YY, LOG2_OPACITY, UNUSED, DEPTH, FEATURES };
 struct Simd {
     static inline Vec load(const float* p) { return *(const Vec*)p; }  // aligned, like all that is on the stack
     static inline void store(float* p, Vec v) { *(Vec*)p = v; }
-    static inline Vec fma(Vec a, Vec b, Vec c) { return __builtin_elementwise_fma(a, b, c); }
+    static inline Vec fma(Vec a, Vec b, Vec c)
+    {
+#if defined(__FMA__) || defined(__aarch64__)
+        return __builtin_elementwise_fma(a, b, c);
+#else
+        return a * b + c;  // a library call for each lane would stand in for the missing instruction
+#endif
+    }
     static inline Vec min(Vec a, Vec b) { return a < b ? a : b; }  // one instruction, unlike one that heeds NaN
     static inline Vec max(Vec a, Vec b) { return a > b ? a : b; }
     static inline Vec clamp(Vec x, Vec low, Vec high) { return min(max(x, low), high); }

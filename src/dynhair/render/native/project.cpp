@@ -6,10 +6,10 @@
 // bounds          (n, 4) u16: first and last + 1 tile in x, then in y; empty where not visible
 // masks           (n,) u16: the tiles reached, counted from the first, where the bounds are at most 4 x 4 tiles
 // keys            (last - first,) u64 from `first` on: depth in the high half, index in the low, visible ones packed
-// counts          (tiles + 1,): how many splats reach each tile, and at the end how many splats are visible
+// counts          (tiles + columns + 2,): how many splats reach each tile, then some room, at the end the visible
 
-const int tiles_x = (width + TILE - 1) / TILE, tiles_y = (height + TILE - 1) / TILE;
 u64* key = keys + first;
+int visible_count = 0;
 const float cx = camera[14], cy = camera[15];
 const float infinity = __builtin_inff();
 
@@ -34,6 +34,22 @@ auto copy_finite = [](const float* from, int count, float* to) -> bool {
         invalid |= (__builtin_bit_cast(unsigned, from[c]) & exponent) == exponent;
     }
     return !invalid;
+};
+
+// Counts the tiles of a mask whose first is `corner`. Most boxes have at most 2 x 2 tiles: to add for all four, be it
+// zero, costs less than a loop of unpredictable length.
+auto count_tiles = [=](unsigned mask, int corner) {
+    if (mask & ~0x33u) {
+        for (; mask; mask &= mask - 1) {
+            const int cell = __builtin_ctz(mask);
+            ++counts[corner + (cell >> 2) * tiles_x + (cell & 3)];
+        }
+        return;
+    }
+    counts[corner] += mask & 1;
+    counts[corner + 1] += mask >> 1 & 1;
+    counts[corner + tiles_x] += mask >> 4 & 1;
+    counts[corner + tiles_x + 1] += mask >> 5 & 1;
 };
 
 for (int base = first; base < last; base += 16) {
@@ -87,17 +103,14 @@ for (int base = first; base < last; base += 16) {
         unsigned any = 0;
         visit_tiles(splat, x0, x1, y0, y1, masks[i], [&](unsigned mask, int tx, int ty) {
             any |= mask;
-            int* corner = counts + ty * tiles_x + tx;
-            for (; mask; mask &= mask - 1) {
-                const int cell = __builtin_ctz(mask);
-                ++corner[(cell >> 2) * tiles_x + (cell & 3)];
-            }
+            count_tiles(mask, ty * tiles_x + tx);
         });
         if (!any) continue;
         tiles[0] = x0, tiles[1] = x1, tiles[2] = y0, tiles[3] = y1;
         unsigned depth_bits;  // the bits of positive floats sort like the floats
         __builtin_memcpy(&depth_bits, splat + DEPTH, 4);
         *key++ = (u64)depth_bits << 32 | (unsigned)i;
-        ++counts[tiles_x * tiles_y];
+        ++visible_count;
     }
 }
+counts[tiles_x * tiles_y + tiles_x + 1] = visible_count;

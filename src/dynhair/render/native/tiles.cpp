@@ -1,5 +1,7 @@
 // Which tiles a splat reaches.
 
+const int tiles_x = (width + TILE - 1) / TILE, tiles_y = (height + TILE - 1) / TILE;
+
 // The tiles of the box [x0, x1) x [y0, y1), of at most 4 x 4, that a splat reaches.
 auto reached_tiles = [=](const float* s, int x0, int x1, int y0, int y1) -> unsigned {
     const int columns = x1 - x0 < 4 ? x1 - x0 : 4, rows = y1 - y0 < 4 ? y1 - y0 : 4;
