@@ -8,8 +8,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from dynhair.avatar.chunked import PointLayer, evaluate_chunked
 from dynhair.avatar.encoding import encoded_size, positional_encoding
-from dynhair.avatar.mlp import PointNetwork, evaluate_chunked
+from dynhair.avatar.mlp import PointNetwork
 from dynhair.config import DeformerConfig
 
 CONDITIONS = 9  # angular velocity, angular acceleration, relative gravity
@@ -33,27 +34,25 @@ class HairDeformer(PointNetwork):
     """
 
     addresses: Tensor
-    position_code: Tensor
-    place_code: Tensor
+    code: Tensor
 
     def __init__(self, canonical: Float[Tensor, "n l 3"], config: DeformerConfig) -> None:
         super().__init__()
         self.config = config
         self.strands, self.points = canonical.shape[:2]
         centred = (canonical - canonical.mean((0, 1))) / POSITION_UNIT
-        code = positional_encoding(centred.flatten(0, 1), config.position_frequencies)
-        place = torch.arange(self.points, dtype=torch.float32)[:, None] / self.points
+        position = positional_encoding(centred, config.position_frequencies)
+        along = torch.arange(self.points, dtype=canonical.dtype)[:, None] / self.points
+        place = positional_encoding(along, config.place_frequencies).expand(self.strands, -1, -1)
         self.register_buffer("addresses", canonical.clone())
-        self.register_buffer("position_code", code, persistent=False)
-        self.register_buffer("place_code", positional_encoding(place, config.place_frequencies), persistent=False)
+        self.register_buffer("code", torch.cat([position, place], -1).flatten(0, 1), persistent=False)
 
         signal_size = encoded_size(CONDITIONS, config.signal_frequencies)
         self.lstm = nn.LSTM(signal_size, config.hidden, batch_first=True)
         self.h0 = nn.Parameter(torch.zeros(1, 1, config.hidden))
         self.c0 = nn.Parameter(torch.zeros(1, 1, config.hidden))
-        position_size = code.shape[-1]
-        self.film = nn.Linear(config.hidden, 2 * position_size)
-        sizes = (position_size + self.place_code.shape[-1], *[config.width] * config.layers, 3)
+        self.film = nn.Linear(config.hidden, 2 * position.shape[-1])
+        sizes = (self.code.shape[-1], *[config.width] * config.layers, 3)
         self.mlp = nn.ModuleList([nn.Linear(a, b) for a, b in itertools.pairwise(sizes)])
         last = self.mlp[-1]
         assert isinstance(last, nn.Linear)
@@ -70,13 +69,11 @@ class HairDeformer(PointNetwork):
         signal = positional_encoding(window, self.config.signal_frequencies)[None]
         _, (embedding, _) = self.lstm(signal, (self.h0, self.c0))
         scale, shift = self.film(embedding[0, 0]).chunk(2)
-        first, *rest = [layer for layer in self.mlp if isinstance(layer, nn.Linear)]
+        first, *rest = [PointLayer(layer.weight, layer.bias) for layer in self.mlp if isinstance(layer, nn.Linear)]
         # FiLM acts on the first layer's input alone, so it folds into it: W (f (1 + s) + b) = (W (1 + s)) f + W b.
-        # The place along the strand takes only L values: its share is a bias that repeats from strand to strand.
-        on_position, on_place = first.weight.split([scale.shape[0], self.place_code.shape[-1]], dim=1)
-        bias = first.bias + on_position @ shift + self.place_code @ on_place.T
-        layers = [([on_position * (1 + scale)], bias.repeat(self.strands, 1))]
-        layers += [([layer.weight], layer.bias) for layer in rest]
-        moved = evaluate_chunked(self.position_code, layers, self.dtype or self.position_code.dtype)
+        on_position, on_place = first.weight.split([len(scale), self.code.shape[-1] - len(scale)], dim=1)
+        modulated = torch.cat([on_position * (1 + scale), on_place], dim=1)
+        layers = [PointLayer(modulated, first.bias + on_position @ shift), *rest]
+        moved = evaluate_chunked(self.code, layers, self.dtype)
         moved = moved.view(self.strands, self.points, 3)
         return moved * (DISPLACEMENT_UNIT * self.root_attenuation)[:, None]

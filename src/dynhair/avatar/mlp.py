@@ -8,10 +8,8 @@ import time
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from torch.nn import functional
 
-# Points evaluated together: hidden activations of this many points stay in the processor's cache.
-CHUNK = 4096
+from dynhair.avatar.chunked import CHUNK, PointLayer, evaluate_chunked
 
 
 class PointNetwork(nn.Module):
@@ -51,70 +49,19 @@ class PointMLP(PointNetwork):
 
     def forward(self, points: Float[Tensor, "n p"], shared: Float[Tensor, " s"]) -> Float[Tensor, "n o"]:
         """Evaluate all points under one condition, in chunks."""
-        weights: list[tuple[list[Tensor], Tensor]] = []
+        layers = []
         for index, layer in enumerate(self.layers):
             assert isinstance(layer, nn.Linear)
-            weight, bias = layer.weight, layer.bias
-            parts = []
             if index not in (0, self.skip):
-                parts.append(weight)
-            else:
-                split = weight.shape[1] - self.point_features - shared.shape[0]
-                if split:
-                    parts.append(weight[:, :split])
-                parts.append(weight[:, split : split + self.point_features])
-                bias = bias + weight[:, split + self.point_features :] @ shared
-            weights.append((parts, bias))
-        return evaluate_chunked(points, weights, self.dtype or points.dtype)
-
-
-def evaluate_chunked(
-    points: Float[Tensor, "n p"], layers: list[tuple[list[Tensor], Tensor]], dtype: torch.dtype
-) -> Float[Tensor, "n o"]:
-    """Apply leaky-ReLU layers to the points, a chunk at a time.
-
-    Args:
-        points: inputs.
-        layers: the weights of each layer, each ``(out, in)``, and its bias, ``(out,)`` or one row a point ``(n, out)``.
-            The first layer has one weight, for the points; a later layer has one for the previous layer and, at a skip,
-            a second one for the points.
-        dtype: precision of all layers but the last.
-
-    Returns:
-        The last layer's values, in the points' precision.
-    """
-    # the last layer is thin: in full precision it costs little and does not round the result
-    kinds = [dtype] * (len(layers) - 1) + [points.dtype]
-    cast = [
-        ([weight.to(kind) for weight in parts], bias.to(kind))
-        for (parts, bias), kind in zip(layers, kinds, strict=True)
-    ]
-    points = points.to(dtype)
-    if points.is_cuda or len(points) <= CHUNK:
-        return _evaluate(points, cast)
-    # split, not slices: the gradients of slices would each be as large as the whole
-    per_point = [bias.split(CHUNK) if bias.dim() == 2 else None for _, bias in cast]
-    outputs = []
-    for index, chunk in enumerate(points.split(CHUNK)):
-        layers = [
-            (parts, bias if rows is None else rows[index]) for (parts, bias), rows in zip(cast, per_point, strict=True)
-        ]
-        outputs.append(_evaluate(chunk, layers))
-    return torch.cat(outputs)
-
-
-def _evaluate(points: Tensor, layers: list[tuple[list[Tensor], Tensor]]) -> Tensor:
-    x = points
-    for index, (parts, bias) in enumerate(layers):
-        weight = parts[0]
-        if bias.dim() == 1:
-            y = functional.linear(x.to(weight.dtype), weight, bias)
-        else:
-            y = functional.linear(x.to(weight.dtype), weight) + bias
-        if len(parts) == 2:
-            y = y + functional.linear(points.to(weight.dtype), parts[1])
-        x = functional.leaky_relu(y) if index + 1 < len(layers) else y
-    return x
+                layers.append(PointLayer(layer.weight, layer.bias))
+                continue
+            previous = layer.in_features - self.point_features - len(shared)
+            *values, on_points, on_shared = layer.weight.split(
+                [*([previous] if previous else []), self.point_features, len(shared)], dim=1
+            )
+            bias = layer.bias + on_shared @ shared
+            layers.append(PointLayer(values[0], bias, on_points) if values else PointLayer(on_points, bias))
+        return evaluate_chunked(points, layers, self.dtype)
 
 
 def use_precision(module: nn.Module, dtype: torch.dtype | None) -> None:
