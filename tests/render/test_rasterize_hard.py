@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 
 from dynhair.camera import Camera
 from dynhair.errors import DynhairError
-from dynhair.render import Gaussians, rasterize
-from dynhair.render.rasterize import Backend
+from dynhair.render import Backend, Gaussians, rasterize
 
 INFINITE = [float("nan"), float("inf"), float("-inf")]
 
@@ -249,8 +248,8 @@ def test_starts_without_a_word_and_imports_warp_only_when_it_draws() -> None:
     code = """
 import sys, torch
 from dynhair.camera import Camera
-from dynhair.render import Gaussians, rasterize
-from dynhair.render.rasterize import Backend
+from dynhair.render import Backend, Gaussians, rasterize
+
 assert "warp" not in sys.modules
 one = torch.ones
 rasterize(Gaussians(one(1, 3), one(1, 4), one(1, 3), one(1), one(1, 3)), Camera(torch.eye(3, 4), torch.eye(3), 8, 8))
