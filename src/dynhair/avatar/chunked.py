@@ -6,6 +6,8 @@ processor's cache. Autograd would keep twice the activations, and add up a whole
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import torch
@@ -79,7 +81,7 @@ class _ChunkedLayers(torch.autograd.Function):
         kept, given = saved[: ctx.hidden * len(chunks)], iter(saved[ctx.hidden * len(chunks) :])
         flat = [None if none else next(given) for none in ctx.none]
         layers = _layers(flat, points.dtype, ctx.dtype)
-        totals = [PointLayer(*map(_zeros, layer, [points.dtype] * 3)) for layer in layers]
+        totals = [_each(layer, lambda tensor: torch.zeros_like(tensor, dtype=points.dtype)) for layer in layers]
         point_gradient = torch.zeros_like(points) if ctx.needs_input_grad[0] else None
         for number, rows in enumerate(chunks):
             chunk = points[rows]
@@ -103,17 +105,14 @@ class _ChunkedLayers(torch.autograd.Function):
         return (point_gradient, None, *[tensor for total in totals for tensor in total])
 
 
-def _layers(flat: Any, full: torch.dtype, dtype: torch.dtype) -> list[PointLayer]:
+def _layers(flat: Sequence[Any], full: torch.dtype, dtype: torch.dtype) -> list[PointLayer]:
     layers = [PointLayer(*flat[start : start + 3]) for start in range(0, len(flat), 3)]
     kinds = [dtype] * (len(layers) - 1) + [full]
-    return [
-        PointLayer(*(None if tensor is None else tensor.to(kind) for tensor in layer))
-        for layer, kind in zip(layers, kinds, strict=True)
-    ]
+    return [_each(layer, functools.partial(Tensor.to, dtype=kind)) for layer, kind in zip(layers, kinds, strict=True)]
 
 
-def _zeros(tensor: Tensor | None, dtype: torch.dtype) -> Tensor | None:
-    return None if tensor is None else torch.zeros_like(tensor, dtype=dtype)
+def _each(layer: PointLayer, change: Callable[[Tensor], Tensor]) -> PointLayer:
+    return PointLayer(change(layer.weight), change(layer.bias), None if layer.skip is None else change(layer.skip))
 
 
 def _chunks(points: Tensor) -> list[slice]:
