@@ -108,6 +108,7 @@ class LearningRates:
     deformer: float = 1e-3
     strands: float = 1e-5
     hair_colour: float = 1e-2
+    hair_gloss: float = 5e-4
     head_networks: float = 5e-4
     head_colour: float = 5e-3
     head_opacity: float = 1e-3
@@ -127,6 +128,7 @@ class TrainingConfig:
         image_size: longer side of the training images, pixels; larger captures are reduced.
         precision: of the networks' hidden layers; ``auto`` is decided by measurement when a run begins, and kept.
         seed: of everything random.
+        penetration_points: strand points tested against the head in a step, at most.
         segmentation_warmup: share of the iterations after which the segmentation weight starts to decay.
         segmentation_floor: share of the segmentation weight that stays.
         checkpoint_every: steps between checkpoints.
@@ -140,6 +142,7 @@ class TrainingConfig:
     image_size: int = 256
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
     seed: int = 0
+    penetration_points: int = 2500
     segmentation_warmup: float = 0.5
     segmentation_floor: float = 0.5
     checkpoint_every: int = 500
@@ -178,7 +181,9 @@ PRESETS: Mapping[str, Config] = {
         head=HeadConfig(
             gaussians=140_000, features=128, deformation_width=256, deformation_layers=5, appearance_width=256
         ),
-        training=TrainingConfig(iterations=320_000, views=4, image_size=1024, checkpoint_every=2000),
+        training=TrainingConfig(
+            iterations=320_000, views=4, image_size=1024, penetration_points=10_000, checkpoint_every=2000
+        ),
     ),
 }
 

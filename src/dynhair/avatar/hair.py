@@ -33,9 +33,9 @@ class Hair(nn.Module):
         self.width = width
         self.strands = nn.Parameter(canonical.clone())
         self.deformer = HairDeformer(canonical, deformer)
-        coefficients = torch.zeros(canonical.shape[0] * (canonical.shape[1] - 1), COEFFICIENTS, 3)
-        coefficients[:, 0] = constant_coefficient(colour)
-        self.harmonics = nn.Parameter(coefficients)
+        count = canonical.shape[0] * (canonical.shape[1] - 1)
+        self.base_harmonic = nn.Parameter(constant_coefficient(colour).repeat(count, 1, 1))
+        self.higher_harmonics = nn.Parameter(torch.zeros(count, COEFFICIENTS - 1, 3))
 
     def forward(self, window: Float[Tensor, "t 9"] | None) -> Float[Tensor, "n l 3"]:
         """Strands in the head frame, metres.
@@ -50,4 +50,4 @@ class Hair(nn.Module):
     def colours(self, means: Float[Tensor, "g 3"], eye: Float[Tensor, "3"]) -> Float[Tensor, "g 3"]:
         """Colours of the strand Gaussians at ``means`` (world) as seen from ``eye``: harmonics of degree 3."""
         directions = nn.functional.normalize(means.detach() - eye, dim=-1)
-        return harmonics_colour(self.harmonics, directions)
+        return harmonics_colour(torch.cat([self.base_harmonic, self.higher_harmonics], 1), directions)

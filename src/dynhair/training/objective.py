@@ -84,7 +84,7 @@ class JointObjective(nn.Module):
 
         self._mesh.refit(torch.from_numpy(self._capture.vertices(segment.start + batch.index)))
         generator = torch.Generator().manual_seed(config.seed * 1_000_003 + step)
-        points = sample_strand_points(posed.strands, generator=generator)
+        points = sample_strand_points(posed.strands, config.penetration_points, generator=generator)
         rest = self.avatar.canonical_strands.detach()
         tracked = tracked_positions(self._capture, segment, batch.index, self._points)
         terms = {

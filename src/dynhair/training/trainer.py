@@ -198,7 +198,8 @@ def joint_optimizer(avatar: Avatar, rates: LearningRates) -> torch.optim.Adam:
     hair, head = avatar.hair, avatar.head
     own = {
         "strands": hair.strands,
-        "hair_colour": hair.harmonics,
+        "hair_colour": hair.base_harmonic,
+        "hair_gloss": hair.higher_harmonics,
         "head_means": head.means,
         "head_features": head.features,
         "head_scales": head.log_scales,
