@@ -86,7 +86,7 @@ def _kernel(sources: str, integers: str, arrays: str, channels: int = 0) -> Kern
 
 @functools.cache
 def _compile(sources: str, integers: str, arrays: str, channels: int) -> Kernel:
-    """Compiles a function whose body is the sources one after the other.
+    """Compile a function whose body is the sources one after the other.
 
     Args:
         sources: names of files in ``native``.

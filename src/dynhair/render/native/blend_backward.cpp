@@ -11,12 +11,6 @@
 const int tiles_x = (width + TILE - 1) / TILE;
 constexpr int STRIDE = FEATURES + CHANNELS, GROUPS = (STRIDE + 15) / 16, AHEAD = 12;
 
-// An estimate refined by Newton's method where the processor has one, 1e-7 off: a true division holds up the rest.
-auto reciprocal = [](Vec x) -> Vec {
-#pragma clang fp reciprocal(on)
-    return 1.0f / x;
-};
-
 // Sums over the lanes of 16 vectors at once: lane i of the result is the sum of v[i].
 auto lane_sums = [](const Vec* v) -> Vec {
     Vec a[8], b[4], c[2];
@@ -91,7 +85,8 @@ for (int tile = first; tile < last; ++tile) {
             }
             const Vec behind = Simd::fma(-coverage.weight, worth, Simd::load(later[block]));
             Simd::store(later[block], behind);
-            const Vec of_alpha = t * worth - behind * reciprocal(1.0f - coverage.alpha);
+            // Not divided at once: the slow division need not wait for `behind`.
+            const Vec of_alpha = t * worth - behind * (1.0f / (1.0f - coverage.alpha));
             const Vec drawn = Simd::keep(coverage.raw <= ALPHA_MAX, coverage.alpha);
             const Vec v = Simd::keep(coverage.weight > 0.0f, of_alpha * drawn);
             const Vec dx = coverage.dx, dy = coverage.dy, vx = v * dx, vy = v * dy;
