@@ -52,7 +52,7 @@ class HairConfig:
         deformer: the network that moves it.
     """
 
-    strands: int = 2000
+    strands: int = 1500
     points: int = 32
     static_iterations: int = 600
     deformer: DeformerConfig = field(default_factory=DeformerConfig)

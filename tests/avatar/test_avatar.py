@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -135,6 +136,12 @@ def test_damaged_avatars_are_named(avatar: Avatar, tmp_path: Path) -> None:
     damaged("avatar.safetensors", rewrite)
     with pytest.raises(DynhairError, match="no such folder"):
         Avatar.load(tmp_path / "none")
+
+
+def test_expressions_of_another_face_model_are_refused(avatar: Avatar) -> None:
+    track = replace(head_track(), expressions=np.zeros((FRAMES, 3), np.float32))
+    with pytest.raises(DynhairError, match="3 expression coefficients"):
+        avatar.pose(track, 0)
 
 
 def test_quaternions_are_scipys() -> None:

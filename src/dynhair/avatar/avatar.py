@@ -115,7 +115,17 @@ class Avatar(nn.Module):
             track: head poses and expressions.
             frame: index inside the track.
             rigid_hair: keep the hair in its canonical shape.
+
+        Raises:
+            DynhairError: the track has another number of expression coefficients than the avatar was trained with.
         """
+        found, expected = track.expressions.shape[1], self.head.expression_size
+        if found != expected:
+            raise DynhairError(
+                f"the driving motion has {found} expression coefficients",
+                expected=f"{expected}, as in the capture that the avatar was trained on",
+                mend="track the driving motion with the same face model",
+            )
         window = None if rigid_hair else self.window(self.conditions(track), frame)
         return self.posed(head_pose(track, frame, self.background.device), window)
 
