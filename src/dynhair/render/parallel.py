@@ -10,11 +10,12 @@ import torch
 from torch import Tensor
 
 TILE_COST = 32  # of an empty tile, in list entries
+MOST_SLICES = 8  # of a view: each has its own gradients of all splats, which must be cleared and added up
 
 
 def slices_per_view(views: int) -> int:
     """Count the ranges to cut each view into, so that all threads have work."""
-    return max(1, torch.get_num_threads() // views)
+    return min(max(1, torch.get_num_threads() // views), MOST_SLICES)
 
 
 def share(count: int, parts: int) -> list[tuple[int, int]]:
