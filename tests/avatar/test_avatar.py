@@ -22,9 +22,10 @@ from dynhair.motion import SignalNormalizer
 FRAMES = 5
 
 
-def head_track(rotations: np.ndarray | None = None, translation: tuple[float, float, float] = (0, 0.7, 0)) -> HeadTrack:
-    if rotations is None:
-        rotations = Rotation.from_euler("y", np.linspace(0, 1, FRAMES)[:, None]).as_matrix()
+TURNING = Rotation.from_euler("y", np.linspace(0, 1, FRAMES)[:, None]).as_matrix()
+
+
+def head_track(rotations: np.ndarray = TURNING, translation: tuple[float, float, float] = (0, 0.7, 0)) -> HeadTrack:
     return HeadTrack(
         rotations=rotations,
         translations=np.tile(np.array(translation, np.float64), (FRAMES, 1)),
@@ -145,7 +146,7 @@ def test_expressions_of_another_face_model_are_refused(avatar: Avatar) -> None:
 
 
 def test_quaternions_are_scipys() -> None:
-    rotations = Rotation.random(6, rng=0)
+    rotations = Rotation.from_rotvec(np.random.default_rng(0).normal(size=(6, 3)))
     wxyz = torch.from_numpy(np.roll(rotations.as_quat(), 1, axis=1))
     product = multiply_quaternions(wxyz[0], wxyz[1:])
     expected = np.roll((rotations[0] * rotations[1:]).as_quat(), 1, axis=1)

@@ -139,21 +139,17 @@ class Avatar(nn.Module):
         pose, head = posed.pose, posed.head
         hair = strand_gaussians(posed.strands, self.hair.width, root_taper(posed.strands.shape[1] - 1))
         head_means = head.means @ pose.rotation.T + pose.translation
-        labels = torch.tensor([[1.0, 0.0], [0.0, 1.0]], device=head_means.device)
-        hair_label = labels[0].expand(len(hair.means), 2)
-        head_rest = torch.cat([labels[1], labels.new_zeros(2)]).expand(len(head_means), 4)
-        head_features = torch.cat([head.colours, head_rest], 1)
-        views = []
-        for camera in cameras:
-            colours = self.hair.colours(hair.means, camera.centre)
-            directions = projected_orientation(hair.means, hair.directions, camera)
-            views.append(torch.cat([torch.cat([colours, hair_label, directions], 1), head_features]))
+        colours = self.hair.colours(hair.means, torch.stack([camera.centre for camera in cameras]))
+        directions = torch.stack([projected_orientation(hair.means, hair.directions, camera) for camera in cameras])
+        label = colours.new_tensor([1.0, 0.0]).expand(*colours.shape[:2], 2)
+        head_rest = colours.new_tensor([0.0, 1.0, 0.0, 0.0]).expand(len(head_means), 4)
+        head_features = torch.cat([head.colours, head_rest], 1).expand(len(cameras), -1, -1)
         gaussians = Gaussians(
             means=torch.cat([hair.means, head_means]),
             quats=torch.cat([hair.quats, multiply_quaternions(rotation_quaternion(pose), head.quats)]),
             scales=torch.cat([hair.scales, head.scales]),
             opacities=torch.cat([hair.means.new_ones(len(hair.means)), head.opacities]),
-            features=torch.stack(views),
+            features=torch.cat([torch.cat([colours, label, directions], -1), head_features], 1),
         )
         background = torch.cat([self.background, self.background.new_zeros(4)])
         images = rasterize(gaussians, cameras, background=background)

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynhair.avatar.deformer import HairDeformer
-from dynhair.avatar.spherical_harmonics import COEFFICIENTS, constant_coefficient, harmonics_colour
+from dynhair.avatar.spherical_harmonics import COEFFICIENTS, constant_coefficient, harmonics_colours
 from dynhair.config import DeformerConfig
 from dynhair.strands import smooth_strands
 
@@ -34,8 +34,8 @@ class Hair(nn.Module):
         self.strands = nn.Parameter(canonical.clone())
         self.deformer = HairDeformer(canonical, deformer)
         count = canonical.shape[0] * (canonical.shape[1] - 1)
-        self.base_harmonic = nn.Parameter(constant_coefficient(colour).repeat(count, 1, 1))
-        self.higher_harmonics = nn.Parameter(torch.zeros(count, COEFFICIENTS - 1, 3))
+        self.base_harmonic = nn.Parameter(constant_coefficient(colour)[None, :, None].repeat(1, 1, count))
+        self.higher_harmonics = nn.Parameter(torch.zeros(COEFFICIENTS - 1, 3, count))
 
     def forward(self, window: Float[Tensor, "t 9"] | None) -> Float[Tensor, "n l 3"]:
         """Strands in the head frame, metres.
@@ -47,7 +47,7 @@ class Hair(nn.Module):
         moved = self.strands if window is None else self.strands + self.deformer(window)
         return smooth_strands(moved)
 
-    def colours(self, means: Float[Tensor, "g 3"], eye: Float[Tensor, "3"]) -> Float[Tensor, "g 3"]:
-        """Colours of the strand Gaussians at ``means`` (world) as seen from ``eye``: harmonics of degree 3."""
-        directions = nn.functional.normalize(means.detach() - eye, dim=-1)
-        return harmonics_colour(torch.cat([self.base_harmonic, self.higher_harmonics], 1), directions)
+    def colours(self, means: Float[Tensor, "g 3"], eyes: Float[Tensor, "v 3"]) -> Float[Tensor, "v g 3"]:
+        """Colours of the strand Gaussians at ``means`` (world) as seen from each eye: harmonics of degree 3."""
+        directions = nn.functional.normalize(means.detach() - eyes[:, None], dim=-1)
+        return harmonics_colours(self.base_harmonic, self.higher_harmonics, directions)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -20,7 +21,7 @@ _C31 = math.sqrt(21 / (32 * math.pi))
 _C30 = math.sqrt(7 / (16 * math.pi))
 
 
-def harmonics_basis(directions: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 16"]:
+def harmonics_basis(directions: Float[Tensor, "*n 3"]) -> Float[Tensor, "16 *n"]:
     """The sixteen orthonormal real harmonics, ordered by degree l and then by m = -l .. l, Condon-Shortley phase.
 
     Args:
@@ -46,15 +47,46 @@ def harmonics_basis(directions: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 16"]
             -_C31 * x * (5 * zz - 1),
             _C32 / 2 * z * (xx - yy),
             -_C33 * x * (xx - 3 * yy),
-        ],
-        -1,
+        ]
     )
 
 
-def harmonics_colour(coefficients: Float[Tensor, "n 16 3"], directions: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
-    """Colours seen along the unit directions; all-zero coefficients are mid grey, and no channel goes below 0."""
-    weights = harmonics_basis(directions)
-    return (0.5 + torch.einsum("nk,nkc->nc", weights, coefficients)).clamp_min(0)
+def harmonics_colours(
+    base: Float[Tensor, "1 3 n"], higher: Float[Tensor, "15 3 n"], directions: Float[Tensor, "v n 3"]
+) -> Float[Tensor, "v n 3"]:
+    """Colours seen along the directions of several views; all-zero coefficients are mid grey, no channel is below 0.
+
+    Args:
+        base: coefficients of degree 0 for each channel and point.
+        higher: coefficients of degrees 1 to 3.
+        directions: unit vectors; they get no gradient, for a colour must not move what it is the colour of.
+    """
+    sums: Tensor = _HarmonicSum.apply(base, higher, harmonics_basis(directions.detach()))  # pyright: ignore
+    return (0.5 + sums).clamp_min(0).movedim(1, 2)
+
+
+class _HarmonicSum(torch.autograd.Function):
+    """Sums of harmonics, all points of a coefficient at once: small products point by point take five times as long."""
+
+    @staticmethod
+    def forward(ctx: Any, base: Tensor, higher: Tensor, basis: Tensor) -> Tensor:
+        ctx.save_for_backward(basis)
+        views = []
+        for view in range(basis.shape[1]):
+            values = base[0] * basis[0, view]
+            for coefficient, weight in zip(higher, basis[1:, view], strict=True):
+                values.addcmul_(coefficient, weight)
+            views.append(values)
+        return torch.stack(views)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> Any:
+        (basis,) = ctx.saved_tensors
+        coefficients = basis[:, :1] * gradients[0][0]
+        for view in range(1, basis.shape[1]):
+            for coefficient, weight in zip(coefficients, basis[:, view], strict=True):
+                coefficient.addcmul_(gradients[0][view], weight)
+        return coefficients[:1], coefficients[1:], None
 
 
 def constant_coefficient(colour: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 3"]:
