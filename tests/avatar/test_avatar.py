@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from dynhair.avatar import Avatar, Hair, Head, head_pose
 from dynhair.avatar.avatar import multiply_quaternions, rotation_quaternion
+from dynhair.avatar.head import facing
 from dynhair.camera import Camera
 from dynhair.capture import HeadTrack
 from dynhair.config import DeformerConfig, HeadConfig
@@ -43,7 +44,7 @@ def avatar() -> Avatar:
     hair = Hair(strands, 0.002, torch.tensor([0.4, 0.2, 0.1]), DeformerConfig(hidden=8, width=16, history=2))
     means = torch.nn.functional.normalize(torch.randn(100, 3), dim=1) * 0.09
     config = HeadConfig(gaussians=100, features=4, deformation_width=8, appearance_width=8)
-    head = Head(means, torch.full((100,), 0.01), means[:5], torch.tensor([0.0, 0.7, 0.0]), 4, config)
+    head = Head(means, means / 0.09, torch.full((100,), 0.01), means[:5], torch.tensor([0.0, 0.7, 0.0]), 4, config)
     avatar = Avatar(hair, head, SignalNormalizer(torch.ones(3), torch.ones(3)), torch.tensor([0.1, 0.2, 0.3]))
     with torch.no_grad():
         for parameter in avatar.hair.deformer.mlp.parameters():
@@ -137,6 +138,13 @@ def test_damaged_avatars_are_named(avatar: Avatar, tmp_path: Path) -> None:
     damaged("avatar.safetensors", rewrite)
     with pytest.raises(DynhairError, match="no such folder"):
         Avatar.load(tmp_path / "none")
+
+
+def test_discs_face_along_their_normals() -> None:
+    normals = torch.nn.functional.normalize(torch.randn(50, 3, generator=torch.Generator().manual_seed(0)), dim=1)
+    normals = torch.cat([normals, torch.tensor([[0.0, 0, 1], [0, 0, -1], [1, 0, 0]])])
+    turned = Rotation.from_quat(np.roll(facing(normals).numpy(), -1, axis=1)).apply([0, 0, 1])
+    np.testing.assert_allclose(np.abs((turned * normals.numpy()).sum(1)), 1, atol=1e-6)
 
 
 def test_expressions_of_another_face_model_are_refused(avatar: Avatar) -> None:

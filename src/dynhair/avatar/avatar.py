@@ -215,6 +215,7 @@ class Avatar(nn.Module):
         means = tensors["head.means"]
         head = Head(
             means,
+            torch.ones_like(means),
             torch.ones(len(means)),
             torch.zeros(1, 3),
             torch.zeros(3),

@@ -14,6 +14,9 @@ from dynhair.config import HeadConfig
 
 CANONICAL_UNIT = 0.1  # metres; positions and translations are encoded in this unit
 ENCODING_FREQUENCIES = 4
+# Initial standard deviations over spacing: wide enough to close the surface, and thin, for hair that lies on the skin
+# would vanish in anything thick.
+DISC = (0.8, 0.8, 0.15)
 ATTRIBUTES = 8  # offsets of 3 log-scales, 4 quaternion components, 1 opacity logit
 
 
@@ -54,7 +57,8 @@ class Head(nn.Module):
 
     Args:
         means: canonical positions in the head frame, metres.
-        spacing: initial standard deviation of each Gaussian, metres.
+        normals: unit surface normals there; the Gaussians start as discs in the surface.
+        spacing: distance of each Gaussian to its neighbours, metres.
         landmarks: facial landmarks in the head frame, metres.
         rest_translation: the head's translation at rest, metres.
         expression_size: number of expression coefficients.
@@ -67,6 +71,7 @@ class Head(nn.Module):
     def __init__(
         self,
         means: Float[Tensor, "k 3"],
+        normals: Float[Tensor, "k 3"],
         spacing: Float[Tensor, " k"],
         landmarks: Float[Tensor, "m 3"],
         rest_translation: Float[Tensor, "3"],
@@ -79,8 +84,8 @@ class Head(nn.Module):
         count = len(means)
         self.means = nn.Parameter(means.clone())
         self.features = nn.Parameter(torch.randn(count, config.features) * 0.1)
-        self.log_scales = nn.Parameter(spacing.log()[:, None].repeat(1, 3))
-        self.quats = nn.Parameter(torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1))
+        self.log_scales = nn.Parameter((spacing[:, None] * spacing.new_tensor(DISC)).log())
+        self.quats = nn.Parameter(facing(normals))
         self.opacity_logits = nn.Parameter(torch.full((count,), 3.0))
         self.base_colours = nn.Parameter(torch.full((count, 3), 0.5))
         distance = torch.cdist(means, landmarks).amin(1)
@@ -170,3 +175,9 @@ class Head(nn.Module):
             total = total.index_add(0, rows, value)
         assert total is not None
         return total
+
+
+def facing(normals: Float[Tensor, "k 3"]) -> Float[Tensor, "k 4"]:
+    """Quaternions (wxyz) that turn the z axis onto the normals or against them, which is the same for a disc."""
+    x, y, z = torch.where(normals[:, 2:] < 0, -normals, normals).unbind(-1)
+    return nn.functional.normalize(torch.stack([1 + z, -y, x, torch.zeros_like(x)], -1), dim=-1)

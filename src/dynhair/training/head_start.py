@@ -68,7 +68,15 @@ def start_head(capture: Capture, config: HeadConfig, seed: int) -> tuple[Head, R
     means = points.positions(vertices)
     landmarks = to_head(torch.from_numpy(capture.landmarks_3d(segment.start + index)))
     torch.manual_seed(seed)
-    head = Head(means, mean_spacing(means), landmarks, pose.translation, track.expressions.shape[1], config)
+    head = Head(
+        means,
+        points.normals(vertices),
+        mean_spacing(means),
+        landmarks,
+        pose.translation,
+        track.expressions.shape[1],
+        config,
+    )
     return head, points
 
 
@@ -149,7 +157,7 @@ def training_segments(capture: Capture) -> list[Segment]:
 
 
 def mean_spacing(points: Float[Tensor, "k 3"]) -> Float[Tensor, " k"]:
-    """Mean distance of each point to its three nearest neighbours: the Gaussians' initial size."""
+    """Mean distance of each point to its three nearest neighbours: what sizes the Gaussians."""
     from pykdtree.kdtree import KDTree
 
     array = points.numpy()
