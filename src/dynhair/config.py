@@ -164,7 +164,7 @@ PRESETS: Mapping[str, Config] = {
     "tiny": Config(
         hair=HairConfig(strands=600, points=24, static_iterations=250, deformer=DeformerConfig(hidden=64, width=64)),
         head=HeadConfig(
-            gaussians=8000, features=16, deformation_width=48, appearance_width=16, tracking_iterations=800
+            gaussians=8000, features=16, deformation_width=48, appearance_width=16, tracking_iterations=500
         ),
         training=TrainingConfig(iterations=1200, checkpoint_every=300, preview_every=300),
     ),

@@ -6,7 +6,8 @@ import pytest
 import torch
 from torch.nn import functional
 
-from dynhair.avatar.mlp import CHUNK, PointMLP
+from dynhair.avatar.chunked import CHUNK
+from dynhair.avatar.mlp import PointMLP
 
 
 @pytest.mark.parametrize("depth", [1, 2, 3, 5])
@@ -35,3 +36,17 @@ def test_chunks_and_shared_inputs_change_nothing(depth: int, shared: int, count:
         strict=True,
     ):
         torch.testing.assert_close(a, b)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_the_same_threads_give_the_same_bits(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dynhair.threads._own", threads)
+    torch.manual_seed(0)
+    network = PointMLP(5, 2, (16, 16), 3)
+    points, condition = torch.randn(5 * CHUNK, 5, requires_grad=True), torch.randn(2)
+
+    def gradients() -> list[torch.Tensor]:
+        return list(torch.autograd.grad(network(points, condition).square().sum(), [points, *network.parameters()]))
+
+    once, again = gradients(), gradients()
+    assert all(torch.equal(a, b) for a, b in zip(once, again, strict=True))

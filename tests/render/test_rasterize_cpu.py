@@ -48,33 +48,26 @@ def test_background_stands_behind_what_is_not_covered() -> None:
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
 @pytest.mark.parametrize("views", [1, 2])
-def test_same_bits_from_run_to_run(threads: int, views: int) -> None:
-    before = torch.get_num_threads()
-    torch.set_num_threads(threads)
-    try:
-        runs = []
-        for _ in range(2):
-            gaussians = leaves(random_gaussians(500, 4))
-            rendering = rasterize(gaussians, [camera(turn=0.4 * view) for view in range(views)])
-            loss(rendering).backward()
-            runs.append([rendering.features, rendering.alpha, rendering.depth, *gradients(gaussians).values()])
-        assert all(torch.equal(a, b) for a, b in zip(*runs, strict=True))
-    finally:
-        torch.set_num_threads(before)
+def test_same_bits_from_run_to_run(threads: int, views: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dynhair.threads._own", threads)
+    runs = []
+    for _ in range(2):
+        gaussians = leaves(random_gaussians(500, 4))
+        rendering = rasterize(gaussians, [camera(turn=0.4 * view) for view in range(views)])
+        loss(rendering).backward()
+        runs.append([rendering.features, rendering.alpha, rendering.depth, *gradients(gaussians).values()])
+    assert all(torch.equal(a, b) for a, b in zip(*runs, strict=True))
 
 
 @pytest.mark.parametrize("views", [1, 2])
-def test_threads_change_nothing_but_rounding(views: int) -> None:
-    before, runs = torch.get_num_threads(), []
-    try:
-        for threads in (1, 5):
-            torch.set_num_threads(threads)
-            gaussians = leaves(random_gaussians(300, 4))
-            rendering = rasterize(gaussians, [camera(turn=0.4 * view) for view in range(views)])
-            loss(rendering).backward()
-            runs.append((vars(rendering), gradients(gaussians)))
-    finally:
-        torch.set_num_threads(before)
+def test_threads_change_nothing_but_rounding(views: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = []
+    for threads in (1, 5):
+        monkeypatch.setattr("dynhair.threads._own", threads)
+        gaussians = leaves(random_gaussians(300, 4))
+        rendering = rasterize(gaussians, [camera(turn=0.4 * view) for view in range(views)])
+        loss(rendering).backward()
+        runs.append((vars(rendering), gradients(gaussians)))
     (images, grads), (same_images, same_grads) = runs
     assert all(torch.equal(images[name], same_images[name]) for name in images)
     torch.testing.assert_close(grads, same_grads, atol=1e-3, rtol=1e-3)

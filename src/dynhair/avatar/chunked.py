@@ -6,13 +6,16 @@ processor's cache. Autograd would keep twice the activations, and add up a whole
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import chain
 from typing import Any, NamedTuple
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
+
+from dynhair.threads import run, thread_count
 
 CHUNK = 4096
 SLOPE = 0.01  # of the leaky ReLU for negative values, PyTorch's default
@@ -53,9 +56,11 @@ class _ChunkedLayers(torch.autograd.Function):
         layers = _layers(flat, points.dtype, dtype)
         differentiated = any(ctx.needs_input_grad)
         outputs = points.new_empty(len(points), len(layers[-1].bias))
-        kept = []
-        for rows in _chunks(points):
-            chunk = points[rows]
+        chunks = _chunks(points)
+        kept: list[list[Tensor]] = [[] for _ in chunks]
+
+        def evaluate(number: int) -> None:
+            chunk = points[chunks[number]]
             values = [chunk]
             for index, layer in enumerate(layers):
                 x = torch.addmm(layer.bias, values[-1].to(layer.weight.dtype), layer.weight.T)
@@ -64,12 +69,14 @@ class _ChunkedLayers(torch.autograd.Function):
                 if index + 1 < len(layers):
                     values.append(torch.nn.functional.leaky_relu_(x, SLOPE))
                 else:
-                    outputs[rows] = x
+                    outputs[chunks[number]] = x
             if differentiated:
-                kept.extend(values[1:])
+                kept[number] = values[1:]
+
+        run(partial(_without_autograd, evaluate, share) for share in _shares(len(chunks)))
         ctx.dtype, ctx.hidden = dtype, len(layers) - 1
         ctx.none = [tensor is None for tensor in flat]
-        ctx.save_for_backward(points, *kept, *[tensor for tensor in flat if tensor is not None])
+        ctx.save_for_backward(points, *chain(*kept), *[tensor for tensor in flat if tensor is not None])
         return outputs
 
     @staticmethod
@@ -79,13 +86,14 @@ class _ChunkedLayers(torch.autograd.Function):
         points = saved.pop(0)
         chunks = _chunks(points)
         kept, given = saved[: ctx.hidden * len(chunks)], iter(saved[ctx.hidden * len(chunks) :])
-        flat = [None if none else next(given) for none in ctx.none]
-        layers = _layers(flat, points.dtype, ctx.dtype)
-        totals = [_each(layer, lambda tensor: torch.zeros_like(tensor, dtype=points.dtype)) for layer in layers]
+        layers = _layers([None if none else next(given) for none in ctx.none], points.dtype, ctx.dtype)
+        shares = _shares(len(chunks))
+        sums = [[_each(layer, partial(torch.zeros_like, dtype=points.dtype)) for layer in layers] for _ in shares]
         point_gradient = torch.zeros_like(points) if ctx.needs_input_grad[0] else None
-        for number, rows in enumerate(chunks):
-            chunk = points[rows]
-            values = [chunk, *kept[number * ctx.hidden : (number + 1) * ctx.hidden]]
+
+        def differentiate(totals: list[PointLayer], number: int) -> None:
+            rows = chunks[number]
+            values = [points[rows], *kept[number * ctx.hidden : (number + 1) * ctx.hidden]]
             gradient = gradient_out[rows]
             for index in reversed(range(len(layers))):
                 layer, total, x = layers[index], totals[index], values[index]
@@ -93,7 +101,7 @@ class _ChunkedLayers(torch.autograd.Function):
                 total.weight.add_(gradient.T @ x.to(gradient.dtype))
                 total.bias.add_(gradient.sum(0))
                 if layer.skip is not None and total.skip is not None:
-                    total.skip.add_(gradient.T @ chunk.to(gradient.dtype))
+                    total.skip.add_(gradient.T @ values[0].to(gradient.dtype))
                     if point_gradient is not None:
                         point_gradient[rows] += gradient @ layer.skip
                 if index > 0:
@@ -102,13 +110,34 @@ class _ChunkedLayers(torch.autograd.Function):
                     gradient = torch.ops.aten.leaky_relu_backward(gradient, x.to(gradient.dtype), SLOPE, True)
                 elif point_gradient is not None:
                     point_gradient[rows] += gradient @ layer.weight
-        return (point_gradient, None, *[tensor for total in totals for tensor in total])
+
+        run(
+            partial(_without_autograd, partial(differentiate, totals), share)
+            for totals, share in zip(sums, shares, strict=True)
+        )
+        for totals in sums[1:]:  # in a fixed order, so that the same threads give the same bits
+            for total, other in zip(chain(*sums[0]), chain(*totals), strict=True):
+                if total is not None and other is not None:
+                    total.add_(other)
+        return (point_gradient, None, *chain(*sums[0]))
+
+
+def _without_autograd(work: Callable[[int], None], numbers: range) -> None:
+    with torch.no_grad():  # a thread of its own has a gradient mode of its own
+        for number in numbers:
+            work(number)
+
+
+def _shares(chunks: int) -> list[range]:
+    """Contiguous chunks for each thread."""
+    count = max(min(thread_count(), chunks), 1)
+    return [range(chunks * part // count, chunks * (part + 1) // count) for part in range(count)]
 
 
 def _layers(flat: Sequence[Any], full: torch.dtype, dtype: torch.dtype) -> list[PointLayer]:
     layers = [PointLayer(*flat[start : start + 3]) for start in range(0, len(flat), 3)]
     kinds = [dtype] * (len(layers) - 1) + [full]
-    return [_each(layer, functools.partial(Tensor.to, dtype=kind)) for layer, kind in zip(layers, kinds, strict=True)]
+    return [_each(layer, partial(Tensor.to, dtype=kind)) for layer, kind in zip(layers, kinds, strict=True)]
 
 
 def _each(layer: PointLayer, change: Callable[[Tensor], Tensor]) -> PointLayer:

@@ -17,6 +17,7 @@ from dynhair.evaluation.recorder import Recorder
 from dynhair.evaluation.report import evaluation_table
 from dynhair.evaluation.video import video_writer
 from dynhair.storage import write_json
+from dynhair.threads import large_pieces
 
 METRICS = "metrics.json"
 
@@ -45,7 +46,8 @@ def run_evaluation(
     avatar, capture = Avatar.load(avatar_path, device), Capture.open(capture_path, cache_bytes=0)  # read once
     total = sum(len(evaluated_indices(segment)) for segment in capture.segments)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as progress, Recorder(capture, out) as recorder:
+    bars = Progress(*columns, console=console, transient=True)
+    with large_pieces(), bars as progress, Recorder(capture, out) as recorder:
         task = progress.add_task("evaluating", total=total)
 
         def observe(frame: EvaluatedFrame) -> None:

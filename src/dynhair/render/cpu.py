@@ -19,9 +19,10 @@ from dynhair.camera import Camera
 from dynhair.errors import DynhairError
 from dynhair.render import kernels
 from dynhair.render.gaussians import Gaussians, Rendering
-from dynhair.render.parallel import run, share, share_tiles, slices_per_view
+from dynhair.render.parallel import share, share_tiles, slices_per_view
 from dynhair.render.tiling import TileLists, feature_room, list_splats, pack_camera
 from dynhair.render.workspace import Workspace
+from dynhair.threads import run, thread_count
 
 CHANNELS_AT_ONCE = 32  # a wider blend would outgrow the registers and the stack of a thread
 
@@ -113,5 +114,5 @@ class _Rasterize(torch.autograd.Function):
                     view, *attributes, splat_grads[v], *grads[:-1], of_features,
                 )  # fmt: skip
 
-        run(partial(gather_range, first, last) for first, last in share(n, torch.get_num_threads()))
+        run(partial(gather_range, first, last) for first, last in share(n, thread_count()))
         return (*grads, None, None, None)

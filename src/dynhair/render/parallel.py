@@ -1,13 +1,13 @@
-"""Kernels on several threads: as many as PyTorch is set to use."""
+"""Cutting a rendering's work into pieces for several threads."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 import torch
 from torch import Tensor
+
+from dynhair.threads import thread_count
 
 TILE_COST = 32  # of an empty tile, in list entries
 MOST_SLICES = 8  # of a view: each has its own gradients of all splats, which must be cleared and added up
@@ -15,7 +15,7 @@ MOST_SLICES = 8  # of a view: each has its own gradients of all splats, which mu
 
 def slices_per_view(views: int) -> int:
     """Count the ranges to cut each view into, so that all threads have work."""
-    return min(max(1, torch.get_num_threads() // views), MOST_SLICES)
+    return min(max(1, thread_count() // views), MOST_SLICES)
 
 
 def share(count: int, parts: int) -> list[tuple[int, int]]:
@@ -30,16 +30,3 @@ def share_tiles(starts: Tensor, parts: int) -> list[tuple[int, int]]:
     work = starts.long() + TILE_COST * torch.arange(len(starts))
     cuts = torch.searchsorted(work, work[-1] * torch.arange(1, parts) // parts).tolist()
     return list(pairwise([0, *cuts, len(starts) - 1]))
-
-
-def run(tasks: Iterable[Callable[[], None]]) -> None:
-    """Run tasks on as many threads as PyTorch uses."""
-    tasks = list(tasks)
-    workers = min(torch.get_num_threads(), len(tasks))
-    if workers == 1:
-        for task in tasks:
-            task()
-        return
-    with ThreadPoolExecutor(workers) as pool:  # not kept: its threads would not survive a fork
-        for done in [pool.submit(task) for task in tasks]:
-            done.result()

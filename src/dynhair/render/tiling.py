@@ -13,8 +13,9 @@ from dynhair.camera import Camera
 from dynhair.errors import DynhairError
 from dynhair.render import kernels
 from dynhair.render.kernels import SPLAT_HEADER, TILE
-from dynhair.render.parallel import run, share, slices_per_view
+from dynhair.render.parallel import share, slices_per_view
 from dynhair.render.workspace import Workspace
+from dynhair.threads import run
 
 CHANNEL_STEP = 4  # blending kernels are compiled for multiples of this
 FIELD_OF_VIEW_MARGIN = 0.3

@@ -21,6 +21,7 @@ from dynhair.config import Config, LearningRates
 from dynhair.errors import DynhairError
 from dynhair.motion import SignalNormalizer, motion_signals
 from dynhair.strands import Roots
+from dynhair.threads import keep_large_blocks, large_pieces
 from dynhair.training.batches import Batches, load_batch
 from dynhair.training.checkpoint import Checkpoint
 from dynhair.training.head_start import fit_tracking, rest_frame, start_head, training_segments
@@ -69,7 +70,8 @@ def train(
             )
     else:
         run = Run.create(out, data.path, _with_precision(config or Config()))
-    with StageProgress(console).shown() as progress:
+    keep_large_blocks()
+    with large_pieces(), StageProgress(console).shown() as progress:
         return _Training(run, data, progress, console).finish()
 
 
