@@ -137,7 +137,7 @@ class TrainingConfig:
         rates: of learning.
     """
 
-    iterations: int = 6000
+    iterations: int = 5000
     views: int = 2
     image_size: int = 256
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
