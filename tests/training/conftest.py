@@ -14,6 +14,7 @@ def short_search() -> Iterator[None]:
     """A search for the groom that takes half a second; what it finds is tested by the slow tests."""
     with pytest.MonkeyPatch.context() as patch:
         for module in (static_groom, static_hair):
-            patch.setattr(module, "GENERATIONS", 2)
+            patch.setattr(module, "FIRST_POPULATION", 6)
+            patch.setattr(module, "GENERATIONS", 1)
             patch.setattr(module, "POPULATION", 6)
         yield

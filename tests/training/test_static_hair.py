@@ -94,8 +94,9 @@ def test_refinement_brings_the_silhouette_closer(capture_path: Path) -> None:
 @pytest.mark.slow
 def test_the_search_finds_a_better_groom_than_the_default(capture_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (static_groom, static_hair):
-        monkeypatch.setattr(module, "GENERATIONS", 7)
-        monkeypatch.setattr(module, "POPULATION", 20)
+        monkeypatch.setattr(module, "FIRST_POPULATION", 40)
+        monkeypatch.setattr(module, "GENERATIONS", 10)
+        monkeypatch.setattr(module, "POPULATION", 10)
     misfits: list[float] = []
     fit_canonical_hair(
         Capture.open(capture_path),

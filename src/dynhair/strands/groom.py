@@ -15,7 +15,6 @@ from torch import Tensor
 from torch.nn import functional
 
 _STEPS = 40
-_PARTING_WIDTH = 0.004
 _CROWN_DEPTH = 0.06
 _TAKE_OFF = 0.03
 
@@ -148,7 +147,8 @@ def _arc_lengths(course: Tensor) -> Tensor:
 
 def _directions(parameters: GroomParameters, roots: Tensor, normals: Tensor, down: Tensor) -> tuple[Tensor, Tensor]:
     """Where each strand is combed to, along the scalp, and where it falls."""
-    side = torch.tanh((roots[:, 0] - parameters.parting) / _PARTING_WIDTH)
+    # A clean parting: hair that belonged to neither side would fall over the face.
+    side = torch.where(roots[:, 0] > parameters.parting, 1.0, -1.0)
     depth = roots[:, 2] - roots[:, 2].mean()
     crown = ((_CROWN_DEPTH / 2 - depth) / _CROWN_DEPTH).clamp(0.0, 1.0)[:, None]
     x = torch.tensor([1.0, 0.0, 0.0], dtype=roots.dtype, device=roots.device)

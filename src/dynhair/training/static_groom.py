@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import astuple, fields
+from dataclasses import astuple
 
 import torch
 from jaxtyping import Float
@@ -22,9 +22,11 @@ _LEAST = GroomParameters(
 _MOST = GroomParameters(
     length=0.7, hem=0.6, parting=0.05, lift=0.025, sweep=3.0, fall=0.15, divide=0.08, front=0.4, back=0.5, flare=0.4
 )
-GENERATIONS = 7
-POPULATION = 20
-_ELITE = 5
+GENERATIONS = 18
+POPULATION = 12
+FIRST_POPULATION = 60
+_ELITE = 6
+_SPREAD = 1.2
 _POINTS = 20
 _ORIENTATION = 0.5
 
@@ -43,9 +45,9 @@ def search_groom(
 ) -> GroomParameters:
     """Fit the groom by the cross-entropy method, a gradient-free search.
 
-    Each generation draws hairstyles from a normal distribution over the parameters, ranks their pictures, and moves
-    the distribution to the best of them. The course of a groomed strand jumps with its parameters (a strand falls
-    before or behind the shoulder), so that gradients would mislead.
+    The first generation covers the parameters evenly. Each later one is drawn from a normal distribution with the mean
+    and a little more than the spread of the best hairstyles so far, by the likeness of their pictures. The course of a
+    groomed strand jumps with its parameters (a strand falls before or behind the shoulder): gradients would mislead.
 
     Args:
         roots: head frame, metres.
@@ -61,28 +63,31 @@ def search_groom(
     Returns:
         The best hairstyle tried.
     """
-    generator = torch.Generator().manual_seed(seed)
     least, most = torch.tensor(astuple(_LEAST)), torch.tensor(astuple(_MOST))
-    mean, deviation = torch.full((len(fields(GroomParameters)),), 0.5), 0.35
-    best, least_misfit = GroomParameters(), float("inf")
-    spread = torch.full_like(mean, deviation)
-    tried = 0
-    for _ in range(GENERATIONS):
-        draws = (mean + spread * torch.randn(POPULATION, len(mean), generator=generator)).clamp(0.0, 1.0)
-        misfits = []
-        for draw in draws:
-            parameters = GroomParameters(*(least + draw * (most - least)).tolist())
-            strands = grow_strands(parameters, roots, normals, obstacle, _POINTS, gravity)
+    draws: list[Tensor] = []
+    misfits: list[float] = []
+
+    def parameters(draw: Tensor) -> GroomParameters:
+        return GroomParameters(*(least + draw * (most - least)).tolist())
+
+    def rank(candidates: Tensor) -> Tensor:
+        for draw in candidates:
+            strands = grow_strands(parameters(draw), roots, normals, obstacle, _POINTS, gravity)
             with torch.no_grad():
                 misfits.append(misfit(render_hair(strands, width, body, views.cameras), views))
-            if misfits[-1] < least_misfit:
-                best, least_misfit = parameters, misfits[-1]
-            tried += 1
-            progress(tried, least_misfit)
-        elite = draws[torch.tensor(misfits).argsort(stable=True)[:_ELITE]]
-        mean = elite.mean(0)
-        spread = 0.5 * spread + 0.5 * elite.std(0)
-    return best
+            draws.append(draw)
+            progress(len(draws), min(misfits))
+        best = torch.tensor(misfits).argsort(stable=True)[:_ELITE]
+        return torch.stack([draws[index] for index in best.tolist()])
+
+    generator = torch.Generator().manual_seed(seed)
+    elite = rank(torch.quasirandom.SobolEngine(len(least), scramble=True, seed=seed).draw(FIRST_POPULATION))
+    for _ in range(GENERATIONS):
+        noise = torch.randn(POPULATION, len(least), generator=generator)
+        drawn = elite.mean(0) + _SPREAD * elite.std(0) * noise
+        # Mirrored at the bounds rather than clamped, which would heap the draws there.
+        elite = rank(1 - (1 - drawn.abs()).abs().clamp_max(1))
+    return parameters(elite[0])
 
 
 def misfit(images: HairImages, views: RestViews) -> float:

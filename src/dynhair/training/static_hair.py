@@ -20,16 +20,17 @@ from dynhair.errors import DynhairError
 from dynhair.render import Gaussians, rasterize
 from dynhair.strands import MeshDistance, sample_roots
 from dynhair.strands.groom import grow_strands
-from dynhair.training.head_start import rest_frame
-from dynhair.training.static_groom import GENERATIONS, POPULATION, search_groom
+from dynhair.training.frames import rest_frame
+from dynhair.training.static_groom import FIRST_POPULATION, GENERATIONS, POPULATION, search_groom
 from dynhair.training.static_refine import refine_strands
 from dynhair.training.static_scene import surface_gaussians
 from dynhair.training.static_views import RestViews, rest_views
+from dynhair.training.surface import tracked_surface
 
 _TOTAL_WIDTH = 1.5
 _NARROWEST, _WIDEST = 1e-4, 4e-3
 _LARGEST_IMAGE = 512
-_SEARCH_STRANDS = 250
+_SEARCH_STRANDS = 160
 _SEARCH_IMAGE = 96
 _SEARCH_VIEWS = 6
 _PARTING_MARGIN = 0.008
@@ -61,7 +62,7 @@ def fit_canonical_hair(
     maps the silhouettes alone must do. Deterministic for a seed and a number of threads.
 
     Args:
-        capture: with hair masks and a tracked mesh.
+        capture: with hair masks.
         strand_count: strands N.
         points: points L of a strand.
         iterations: refinement steps.
@@ -70,14 +71,14 @@ def fit_canonical_hair(
         progress: called with the step, their number (search and refinement together), and the loss of the stage.
 
     Returns:
-        Strands in the head frame, metres, root first, with segments of equal length in each strand.
+        Strands in the head frame, metres, root first; the segments of a strand are nearly equal.
 
     Raises:
-        DynhairError: the capture has no hair masks, no hair in them, or no tracked mesh.
+        DynhairError: the capture has no hair masks, no hair in them, or neither a tracked mesh nor landmarks.
     """
     scene = _RestScene.of(capture)
     width = strand_width(strand_count) if width is None else width
-    searches = GENERATIONS * POPULATION
+    searches = FIRST_POPULATION + GENERATIONS * POPULATION
     total = searches + iterations
 
     roots, normals = _roots(scene, strand_count, seed)
@@ -90,7 +91,7 @@ def fit_canonical_hair(
         scene.gravity,
         scene.body,
         scene.views[chosen].resized(_SEARCH_IMAGE),
-        strand_width(few),
+        _TOTAL_WIDTH / few,
         seed=seed,
         progress=lambda tried, misfit: progress(tried, total, misfit),
     )
@@ -121,14 +122,7 @@ class _RestScene:
 
     @classmethod
     def of(cls, capture: Capture) -> _RestScene:
-        mesh = capture.mesh
-        if mesh is None:
-            raise DynhairError(
-                "the capture has no mesh.npz, which says where hair grows and what it falls around",
-                path=capture.path,
-                expected="mesh.npz with faces, scalp, follow and landmarks68",
-                mend="write the tracked mesh's topology beside its params/*/vertices.npy",
-            )
+        surface = tracked_surface(capture)
         segment, index = rest_frame(capture)
         pose = head_pose(capture.track(segment), index)
         views = rest_views(capture, segment.start + index, pose).resized(_LARGEST_IMAGE)
@@ -139,13 +133,13 @@ class _RestScene:
                 expected="hair masks with values up to 255 where there is hair",
                 mend="segment the hair of the first frame and write hair_*.png",
             )
-        vertices = _to_head(torch.from_numpy(capture.vertices(segment.start + index)), pose)
-        faces = torch.from_numpy(mesh.faces)
+        vertices = _to_head(surface.vertices(segment.start + index), pose)
+        faces = surface.faces
         gravity = torch.from_numpy(capture.gravity).float() @ pose.rotation
         return cls(
             vertices=vertices,
             faces=faces,
-            scalp=torch.from_numpy(mesh.scalp),
+            scalp=surface.scalp,
             obstacle=MeshDistance(vertices, faces),
             body=surface_gaussians(vertices, faces),
             gravity=gravity,

@@ -74,7 +74,7 @@ def refine_strands(
         progress: called after each step with its number and loss.
 
     Returns:
-        Strands with segments of equal length in each, outside of the obstacle.
+        Strands outside of the obstacle, the segments of each nearly equal.
     """
     generator = torch.Generator().manual_seed(seed)
     basis = _basis(strands.shape[1])
@@ -141,10 +141,13 @@ def _guides(strands: Float[Tensor, "n l 3"]) -> tuple[Int[Tensor, "n g"], Float[
 
 
 def _finished(strands: Tensor, obstacle: MeshDistance) -> Tensor:
-    """Strands of equal segments, outside of the obstacle."""
-    count = strands.shape[1]
+    """Strands outside of the obstacle; their segments are equal but for the last push outwards."""
     for _ in range(3):
-        points = push_out(strands[:, 1:].flatten(0, 1), obstacle, _CLEARANCE)
-        strands = torch.cat([strands[:, :1], points.view(len(strands), count - 1, 3)], 1)
-        strands = resample_strands(smooth_strands(strands), count)
-    return strands
+        smooth = smooth_strands(_outside(strands, obstacle))
+        strands = resample_strands(smooth, strands.shape[1])
+    return _outside(strands, obstacle)
+
+
+def _outside(strands: Tensor, obstacle: MeshDistance) -> Tensor:
+    free = push_out(strands[:, 1:].flatten(0, 1), obstacle, _CLEARANCE)
+    return torch.cat([strands[:, :1], free.view_as(strands[:, 1:])], 1)

@@ -15,7 +15,7 @@ from dynhair.camera import Camera
 from dynhair.render import Gaussians, rasterize
 from dynhair.strands import projected_orientation, strand_gaussians
 
-_LONGEST_EDGE = 0.012
+_LONGEST_EDGE = 0.02
 _SPREAD = 2.0
 _SUNK = 0.002
 _THICKNESS = 5e-4
