@@ -1,0 +1,33 @@
+"""Where the iBUG-68 landmarks lie on the open head."""
+
+from __future__ import annotations
+
+# Vertex indices, from the person's right to the left as iBUG orders them. Found on the mean head: corners and rims of
+# eyes, nostrils and lips on the mesh's own edge loops; the bridge of the nose in equal steps down the midline; brows
+# on the vertices that "browOuterUp" and "browInnerUp" lift, 2 cm above the pupils; the jaw in nearly equal steps from
+# in front of the ear at eye level along the mandible's edge to the chin. The left half mirrors the right.
+JAW = (870, 868, 869, 912, 894, 892, 917, 2218, 2150, 4810, 3559, 3534, 3536, 3554, 3514, 3513, 3515)
+RIGHT_BROW = (262, 232, 224, 223, 233)
+LEFT_BROW = (2946, 2937, 2938, 2945, 2971)
+NOSE_BRIDGE = (132, 131, 201, 1979)
+NOSE_BASE = (286, 314, 343, 3017, 2995)
+RIGHT_EYE = (18, 1923, 1940, 67, 47, 41)
+LEFT_EYE = (2791, 4544, 4527, 2742, 2765, 2771)
+OUTER_LIPS = (425, 2277, 460, 466, 3159, 4865, 3189, 3179, 3185, 496, 490, 484)
+INNER_LIPS = (443, 471, 474, 3167, 3143, 3182, 493, 487)
+
+LANDMARKS68 = (
+    *JAW,
+    *RIGHT_BROW,
+    *LEFT_BROW,
+    *NOSE_BRIDGE,
+    *NOSE_BASE,
+    *RIGHT_EYE,
+    *LEFT_EYE,
+    *OUTER_LIPS,
+    *INNER_LIPS,
+)
+
+# Captures leave out the outer corners of the mouth, as Gaussian Head Avatar's do.
+LEFT_OUT = (48, 54)
+LANDMARKS66 = tuple(vertex for i, vertex in enumerate(LANDMARKS68) if i not in LEFT_OUT)
