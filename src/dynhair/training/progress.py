@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -57,15 +58,19 @@ class Stage:
 
     def __init__(self, bars: Progress, task: TaskID, console: Console, name: str, total: int, lines: int) -> None:
         self._bars, self._task, self._console = bars, task, console
-        self._name, self._lines = name, lines
-        self._total, self._every = total, max(total // lines, 1)
+        self._name, self._lines, self._total = name, lines, total
+        self._first, self._began = int(bars.tasks[task].completed), time.monotonic()
 
     def update(self, done: int, note: str = "", total: int | None = None) -> None:
         """Say how many steps are done, with a short note; ``total`` corrects their number."""
-        if total is not None and total != self._total:
-            self._total, self._every = total, max(total // self._lines, 1)
-            self._bars.update(self._task, total=total)
-        self._bars.update(self._task, completed=done, note=note)
-        if not self._console.is_terminal and (done % self._every == 0 or done == self._total):
-            elapsed = self._bars.tasks[self._task].elapsed or 0.0
-            self._console.print(f"{self._name}: {done} of {self._total}, {elapsed:.0f} s, {note}", highlight=False)
+        self._total = total or self._total
+        self._bars.update(self._task, completed=done, total=self._total, note=note)
+        if self._console.is_terminal or (done % max(self._total // self._lines, 1) and done != self._total):
+            return
+        elapsed = time.monotonic() - self._began
+        left = elapsed / max(done - self._first, 1) * (self._total - done)
+        self._console.print(
+            f"{self._name}: {done} of {self._total}, {elapsed:.0f} s, {left:.0f} s left, {note}",
+            highlight=False,
+            soft_wrap=True,
+        )
