@@ -33,7 +33,7 @@ def test_a_taken_folder_is_refused_and_kept(tmp_path: Path) -> None:
 
 
 def test_no_run_and_a_later_version_are_named(tmp_path: Path) -> None:
-    with pytest.raises(DynhairError, match="missing"):
+    with pytest.raises(DynhairError, match="no run to go on with"):
         Run.open(tmp_path)
     (tmp_path / "run.json").write_text(json.dumps({"kind": "dynhair run", "version": 99}))
     with pytest.raises(DynhairError, match="version 99"):

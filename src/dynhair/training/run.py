@@ -58,6 +58,13 @@ class Run:
         Raises:
             DynhairError: it is not one, or it is of another version.
         """
+        if not (path / "run.json").exists():
+            raise DynhairError(
+                "there is no run to go on with",
+                path=path,
+                expected="a folder with run.json",
+                mend="leave out --resume to begin a run there",
+            )
         description = read_json(path / "run.json")
         if description.get("kind") != "dynhair run" or description.get("version") != SCHEMA_VERSION:
             raise DynhairError(
