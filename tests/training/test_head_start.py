@@ -1,4 +1,4 @@
-"""The head's start on the tracked mesh."""
+"""The head's start on the tracked surface."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from meshless import write_meshless_capture
 
 from dynhair.capture import Capture
 from dynhair.config import HeadConfig
-from dynhair.errors import DynhairError
 from dynhair.training.head_start import (
     fit_tracking,
     start_head,
@@ -18,6 +18,7 @@ from dynhair.training.head_start import (
     tracked_positions,
     training_segments,
 )
+from dynhair.training.surface import tracked_surface
 from synthetic import write_synthetic_capture
 
 CONFIG = HeadConfig(gaussians=600, features=4, deformation_width=16, appearance_width=8)
@@ -72,12 +73,14 @@ def test_fitting_brings_the_head_closer_to_its_tracking(capture: Capture) -> Non
     )
     assert len(errors) == 150
     assert np.mean(errors[-10:]) < 0.5 * np.mean(errors[:10])
-    target = tracked_positions(capture, segments[0], 0, points)
+    target = tracked_positions(tracked_surface(capture), capture, segments[0], 0, points)
     assert (head.means.detach() - target).norm(dim=1).max() < 1e-5
 
 
-def test_a_capture_without_a_mesh_is_refused(capture: Capture, tmp_path: Path) -> None:
-    write_synthetic_capture(tmp_path / "c", frames=2, views=2, size=16)
-    (tmp_path / "c" / "mesh.npz").unlink()
-    with pytest.raises(DynhairError, match=r"mesh\.npz"):
-        start_head(Capture.open(tmp_path / "c"), CONFIG, 0)
+def test_a_capture_without_a_mesh_starts_on_the_registered_head(tmp_path: Path) -> None:
+    capture = Capture.open(write_meshless_capture(tmp_path / "c"))
+    head, points = start_head(capture, CONFIG, 0)
+    assert points.triangle.max() > 5000  # of the open head
+    segments = training_segments(capture)
+    surface = tracked_surface(capture)
+    torch.testing.assert_close(head.means.detach(), tracked_positions(surface, capture, segments[0], 0, points))

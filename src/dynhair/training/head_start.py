@@ -1,4 +1,4 @@
-"""The head's start: Gaussians on the tracked mesh, and networks that already move them as it moved."""
+"""The head's start: Gaussians on the tracked surface, and networks that already move them as it moved."""
 
 from __future__ import annotations
 
@@ -10,10 +10,21 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from dynhair.avatar import Head, head_pose
-from dynhair.capture import Capture, HeadTrack, Segment
+from dynhair.capture import Capture, Segment
 from dynhair.config import HeadConfig
-from dynhair.errors import DynhairError
 from dynhair.strands import Roots, sample_roots
+from dynhair.training.frames import head_frame, rest_frame, training_segments
+from dynhair.training.surface import TrackedSurface, tracked_surface
+
+__all__ = [
+    "fit_tracking",
+    "head_frame",
+    "rest_frame",
+    "start_head",
+    "surface_points",
+    "tracked_positions",
+    "training_segments",
+]
 
 FRAMES_PER_STEP = 4
 POINTS_PER_STEP = 2048
@@ -46,25 +57,18 @@ def surface_points(vertices: Float[Tensor, "v 3"], faces: Int64[Tensor, "f 3"], 
 
 
 def start_head(capture: Capture, config: HeadConfig, seed: int) -> tuple[Head, Roots]:
-    """A head whose Gaussians lie on the tracked mesh of the capture's rest frame.
+    """A head whose Gaussians lie on the tracked surface in the capture's rest frame.
 
     Raises:
-        DynhairError: the capture has no tracked mesh.
+        DynhairError: the capture has neither a tracked mesh nor landmarks of a face.
     """
-    mesh = capture.mesh
-    if mesh is None:
-        raise DynhairError(
-            "the capture has no mesh.npz, the topology of its tracked vertices",
-            path=capture.path,
-            expected="mesh.npz with faces, scalp, follow and landmarks68",
-            mend="write the tracked mesh's topology beside its params/*/vertices.npy",
-        )
+    surface = tracked_surface(capture)
     segment, index = rest_frame(capture)
     track = capture.track(segment)
     pose = head_pose(track, index)
     to_head = head_frame(track, index)
-    vertices = to_head(torch.from_numpy(capture.vertices(segment.start + index)))
-    points = surface_points(vertices, torch.from_numpy(mesh.faces), config.gaussians, seed)
+    vertices = to_head(surface.vertices(segment.start + index))
+    points = surface_points(vertices, surface.faces, config.gaussians, seed)
     means = points.positions(vertices)
     landmarks = to_head(torch.from_numpy(capture.landmarks_3d(segment.start + index)))
     torch.manual_seed(seed)
@@ -90,19 +94,20 @@ def fit_tracking(
     seed: int,
     progress: Callable[[int, int, float], None],
 ) -> None:
-    """Fit the head's deformation networks to the tracked mesh, before any image is looked at.
+    """Fit the head's deformation networks to the tracked surface, before any image is looked at.
 
-    Minimises the distance between the deformed Gaussians and their places on the tracked mesh, over random frames.
+    Minimises the distance between the deformed Gaussians and their places on that surface, over random frames.
 
     Args:
         head: changed in place.
-        points: the Gaussians' places on the mesh.
-        capture: gives the tracked vertices.
+        points: the Gaussians' places on the surface.
+        capture: gives the tracked surface.
         segments: the training segments.
         iterations: Adam steps.
         seed: of the frames' order.
         progress: called with the step, their number, and the root mean square distance in metres.
     """
+    surface = tracked_surface(capture)
     tracks = [capture.track(segment) for segment in segments]
     parameters = [*head.expression_deformation.parameters(), *head.pose_deformation.parameters()]
     optimizer = torch.optim.Adam(parameters, lr=2e-3)
@@ -120,7 +125,7 @@ def fit_tracking(
             number = draw(len(segments))
             index = draw(segments[number].count)
             moved = head.deformed_means(head_pose(tracks[number], index), rows)
-            target = tracked_positions(capture, segments[number], index, chosen)
+            target = tracked_positions(surface, capture, segments[number], index, chosen)
             loss = loss + (moved - target).square().sum(-1).mean() / FRAMES_PER_STEP
         optimizer.zero_grad(set_to_none=True)
         (loss * 1e4).backward()
@@ -129,31 +134,12 @@ def fit_tracking(
         progress(step + 1, iterations, float(loss.detach().sqrt()))
 
 
-def tracked_positions(capture: Capture, segment: Segment, index: int, points: Roots) -> Float[Tensor, "k 3"]:
+def tracked_positions(
+    surface: TrackedSurface, capture: Capture, segment: Segment, index: int, points: Roots
+) -> Float[Tensor, "k 3"]:
     """Where the surface points are in one frame of a segment, in the head frame, metres."""
-    vertices = torch.from_numpy(capture.vertices(segment.start + index))
+    vertices = surface.vertices(segment.start + index)
     return head_frame(capture.track(segment), index)(points.positions(vertices))
-
-
-def head_frame(track: HeadTrack, index: int) -> Callable[[Tensor], Tensor]:
-    """The map from world points to the head frame of one frame of a track."""
-    rotation = torch.from_numpy(track.rotations[index]).float()
-    translation = torch.from_numpy(track.translations[index]).float()
-    return lambda points: (points - translation) @ rotation
-
-
-def rest_frame(capture: Capture) -> tuple[Segment, int]:
-    """The training segment, and the index inside it, of the frame in which the hair is at rest."""
-    training = training_segments(capture)
-    for segment in training:
-        if capture.static_frame in segment.frames:
-            return segment, capture.static_frame - segment.start
-    return training[0], 0
-
-
-def training_segments(capture: Capture) -> list[Segment]:
-    """The segments that training may see."""
-    return [segment for segment in capture.segments if segment.split == "train"]
 
 
 def mean_spacing(points: Float[Tensor, "k 3"]) -> Float[Tensor, " k"]:

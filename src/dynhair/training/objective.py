@@ -25,6 +25,7 @@ from dynhair.losses import (
 from dynhair.strands import MeshDistance, Roots
 from dynhair.training.batches import Batch
 from dynhair.training.head_start import tracked_positions
+from dynhair.training.surface import tracked_surface
 
 
 class StepResult(NamedTuple):
@@ -46,9 +47,9 @@ class JointObjective(nn.Module):
 
     Args:
         avatar: the model.
-        capture: gives tracks and tracked meshes.
+        capture: gives tracks and the tracked surface.
         segments: the training segments.
-        points: the head Gaussians' places on the tracked mesh.
+        points: the head Gaussians' places on the tracked surface.
         config: weights, iterations, seed.
     """
 
@@ -69,9 +70,8 @@ class JointObjective(nn.Module):
         self._tracks = [capture.track(segment) for segment in segments]
         with torch.no_grad():
             self._conditions = [avatar.conditions(track) for track in self._tracks]
-        mesh = capture.mesh
-        assert mesh is not None
-        self._mesh = MeshDistance(torch.from_numpy(capture.vertices(segments[0].start)), torch.from_numpy(mesh.faces))
+        self._surface = tracked_surface(capture)
+        self._mesh = MeshDistance(self._surface.vertices(segments[0].start), self._surface.faces)
 
     def forward(self, batch: Batch, step: int) -> StepResult:
         """Draw the batch's frame and compare it with the images."""
@@ -82,11 +82,11 @@ class JointObjective(nn.Module):
         posed = self.avatar.posed(pose, window)
         images = self.avatar.render(posed, batch.cameras)
 
-        self._mesh.refit(torch.from_numpy(self._capture.vertices(segment.start + batch.index)))
+        self._mesh.refit(self._surface.vertices(segment.start + batch.index))
         generator = torch.Generator().manual_seed(config.seed * 1_000_003 + step)
         points = sample_strand_points(posed.strands, config.penetration_points, generator=generator)
         rest = self.avatar.canonical_strands.detach()
-        tracked = tracked_positions(self._capture, segment, batch.index, self._points)
+        tracked = tracked_positions(self._surface, self._capture, segment, batch.index, self._points)
         terms = {
             "rgb": l1_loss(images.rgb, batch.rgb),
             "ssim": ssim_loss(images.rgb, batch.rgb),
