@@ -137,7 +137,7 @@ class TrainingConfig:
         rates: of learning.
     """
 
-    iterations: int = 5000
+    iterations: int = 4000
     views: int = 2
     image_size: int = 256
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
