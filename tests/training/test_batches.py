@@ -7,7 +7,7 @@ import torch
 
 from dynhair.capture import Capture
 from dynhair.training.batches import Batches
-from dynhair.training.head_start import training_segments
+from dynhair.training.frames import training_segments
 from synthetic import write_synthetic_capture
 
 

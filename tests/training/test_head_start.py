@@ -11,12 +11,12 @@ from meshless import write_meshless_capture
 
 from dynhair.capture import Capture
 from dynhair.config import HeadConfig
+from dynhair.training.frames import training_segments
 from dynhair.training.head_start import (
     fit_tracking,
     start_head,
     surface_points,
     tracked_positions,
-    training_segments,
 )
 from dynhair.training.surface import tracked_surface
 from synthetic import write_synthetic_capture

@@ -15,7 +15,7 @@ from dynhair.capture import Capture
 from dynhair.errors import DynhairError
 from dynhair.strands import MeshDistance, segment_lengths
 from dynhair.training import static_groom, static_hair
-from dynhair.training.head_start import head_frame, rest_frame
+from dynhair.training.frames import head_frame, rest_frame
 from dynhair.training.static_hair import fit_canonical_hair, strand_width
 from dynhair.training.static_scene import render_hair, surface_gaussians
 from dynhair.training.static_views import rest_views

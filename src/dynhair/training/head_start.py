@@ -13,18 +13,8 @@ from dynhair.avatar import Head, head_pose
 from dynhair.capture import Capture, Segment
 from dynhair.config import HeadConfig
 from dynhair.strands import Roots, sample_roots
-from dynhair.training.frames import head_frame, rest_frame, training_segments
+from dynhair.training.frames import head_frame, rest_frame
 from dynhair.training.surface import TrackedSurface, tracked_surface
-
-__all__ = [
-    "fit_tracking",
-    "head_frame",
-    "rest_frame",
-    "start_head",
-    "surface_points",
-    "tracked_positions",
-    "training_segments",
-]
 
 FRAMES_PER_STEP = 4
 POINTS_PER_STEP = 2048

@@ -24,7 +24,8 @@ from dynhair.strands import Roots
 from dynhair.threads import keep_large_blocks, large_pieces
 from dynhair.training.batches import Batches, load_batch
 from dynhair.training.checkpoint import Checkpoint
-from dynhair.training.head_start import fit_tracking, rest_frame, start_head, training_segments
+from dynhair.training.frames import rest_frame, training_segments
+from dynhair.training.head_start import fit_tracking, start_head
 from dynhair.training.objective import JointObjective
 from dynhair.training.previews import preview_picture, write_preview
 from dynhair.training.progress import StageProgress
@@ -133,6 +134,9 @@ class _Training:
 
     def _canonical_hair(self) -> Float[Tensor, "n l 3"]:
         hair = self.config.hair
+        segment, index = rest_frame(self.capture)
+        if self.capture.view(segment.start + index, self.capture.camera_names[0]).orientation is None:
+            self.console.print("No orientation maps: strands follow the silhouettes alone.", highlight=False)
         stage = self.progress.stage("canonical hair", 1)
         return fit_canonical_hair(
             self.capture,
