@@ -65,6 +65,13 @@ def test_the_head_is_upright_faces_forward_and_has_a_natural_size(head: OpenHead
     assert shoulders[:, 1].mean() < marks[8, 1]
 
 
+def test_everything_within_the_head_moves_with_it(head: OpenHead) -> None:
+    face = (head.mean[:, 1] > 0) & (head.mean[:, 2] > 0.03)
+    assert (head.head_weight[face] > 0.97).all()  # eyeballs too
+    skull = head.head_weight == 1
+    assert 0.6 < float(skull.float().mean()) < 0.8
+
+
 def test_faces_point_outwards(head: OpenHead) -> None:
     mesh = MeshDistance(head.mean, head.faces)
     distances, _ = mesh.query(torch.tensor([[0.0, 0.06, 0.02], [0.0, -0.2, 0.0], [0.0, 0.06, 0.3], [0.0, 0.3, 0.0]]))

@@ -28,7 +28,7 @@ class OpenHead:
         expression_names: ARKit's names of the facial actions.
         faces: triangles, counter-clockwise seen from outside.
         scalp: indices of the faces that grow hair.
-        head_weight: skinning weight of the head bone: 1 moves with the head, 0 stays with the shoulders.
+        head_weight: skinning weight of the head bone, eyes included: 1 moves with the head, 0 stays with the shoulders.
     """
 
     mean: Float[Tensor, "v 3"]
