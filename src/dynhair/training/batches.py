@@ -13,7 +13,7 @@ from torch.nn import functional
 
 from dynhair.camera import Camera
 from dynhair.capture import Capture, Segment, View
-from dynhair.errors import DynhairError
+from dynhair.training.frames import hair_mask
 
 
 @dataclass(frozen=True)
@@ -115,16 +115,9 @@ def _reduced(size: tuple[int, int], longer: int) -> tuple[int, int]:
 
 
 def _maps(capture: Capture, view: View, size: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-    if view.hair is None:
-        raise DynhairError(
-            "the capture has no hair masks",
-            path=capture.path,
-            expected="hair_*.png beside each image",
-            mend="segment the hair and write the masks into images/*/",
-        )
-    angle = torch.zeros_like(view.hair) if view.orientation is None else view.orientation
-    coherence = torch.zeros_like(view.hair) if view.coherence is None else view.coherence
-    rgb, mask, hair = view.rgb, view.mask, view.hair
+    rgb, mask, hair = view.rgb, view.mask, hair_mask(capture, view)
+    angle = torch.zeros_like(hair) if view.orientation is None else view.orientation
+    coherence = torch.zeros_like(hair) if view.coherence is None else view.coherence
     if mask.shape != size:
         # undirected angles are averaged as doubled angles, weighted by how much they can be trusted
         doubled = torch.stack([(2 * torch.pi * angle).cos(), (2 * torch.pi * angle).sin()]) * coherence

@@ -1,13 +1,15 @@
-"""Which frames training sees, and the head frame in them."""
+"""Which frames training sees, the head frame in them, and the hair masks it cannot do without."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
-from dynhair.capture import Capture, HeadTrack, Segment
+from dynhair.capture import Capture, HeadTrack, Segment, View
+from dynhair.errors import DynhairError
 
 
 def training_segments(capture: Capture) -> list[Segment]:
@@ -29,3 +31,19 @@ def head_frame(track: HeadTrack, index: int) -> Callable[[Tensor], Tensor]:
     rotation = torch.from_numpy(track.rotations[index]).float()
     translation = torch.from_numpy(track.translations[index]).float()
     return lambda points: (points - translation) @ rotation
+
+
+def hair_mask(capture: Capture, view: View) -> Float[Tensor, "h w"]:
+    """The hair's coverage in a view.
+
+    Raises:
+        DynhairError: the capture has no hair masks.
+    """
+    if view.hair is None:
+        raise DynhairError(
+            "the capture has no hair masks",
+            path=capture.path,
+            expected="hair_*.png beside each image",
+            mend="segment the hair and write the masks into images/*/",
+        )
+    return view.hair

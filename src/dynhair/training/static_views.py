@@ -13,8 +13,8 @@ from torch.nn import functional
 from dynhair.avatar import HeadPose
 from dynhair.camera import Camera
 from dynhair.capture import Capture, View
-from dynhair.errors import DynhairError
 from dynhair.strands import encode_orientation
+from dynhair.training.frames import hair_mask
 
 
 @dataclass(frozen=True)
@@ -74,16 +74,10 @@ def rest_views(capture: Capture, frame: int, pose: HeadPose) -> RestViews:
 
 
 def _maps(capture: Capture, view: View) -> tuple[Tensor, Tensor]:
-    if view.hair is None:
-        raise DynhairError(
-            "the capture has no hair masks",
-            path=capture.path,
-            expected="hair_*.png beside each image",
-            mend="segment the hair and write the masks into images/*/",
-        )
+    hair = hair_mask(capture, view)
     if view.orientation is None or view.coherence is None:
-        return view.hair, torch.zeros(*view.hair.shape, 2)
-    return view.hair, encode_orientation(view.orientation) * (view.coherence * view.hair)[..., None]
+        return hair, torch.zeros(*hair.shape, 2)
+    return hair, encode_orientation(view.orientation) * (view.coherence * hair)[..., None]
 
 
 def _in_head_frame(camera: Camera, pose: HeadPose) -> Camera:
