@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 from pathlib import Path
 
@@ -9,12 +10,16 @@ import numpy as np
 import pytest
 import torch
 from meshless import true_head, write_meshless_capture
+from rich.console import Console
 
 from dynhair.capture import Capture
+from dynhair.config import Config, DeformerConfig, HairConfig, HeadConfig, TrainingConfig
 from dynhair.errors import DynhairError
 from dynhair.face import OpenHead
+from dynhair.strands import MeshDistance
+from dynhair.training import train
 from dynhair.training.surface import RegisteredHead, tracked_surface
-from synthetic import write_synthetic_capture
+from synthetic import HEAD_ORIGIN, write_synthetic_capture
 
 FRAMES = 6
 
@@ -106,3 +111,18 @@ def test_rest_shape_is_that_of_the_static_frame(surface: RegisteredHead) -> None
         surface.registration.vertices(surface.registration.expression_change(torch.zeros(66, 3))),
         surface.registration.vertices(),
     )
+
+
+def test_a_capture_without_a_mesh_trains(tmp_path: Path) -> None:
+    path = write_meshless_capture(tmp_path / "c")
+    config = Config(
+        hair=HairConfig(strands=30, points=8, static_iterations=2, deformer=DeformerConfig(hidden=8, width=16)),
+        head=HeadConfig(gaussians=500, features=4, deformation_width=16, appearance_width=8, tracking_iterations=2),
+        training=TrainingConfig(iterations=3, image_size=24, precision="float32"),
+    )
+    avatar = train(path, tmp_path / "run", config, console=Console(file=io.StringIO()))
+    surface = tracked_surface(Capture.open(path))
+    distances, _ = MeshDistance(surface.vertices(0) - torch.from_numpy(HEAD_ORIGIN).float(), surface.faces).query(
+        avatar.canonical_strands[:, 0]
+    )
+    assert distances.abs().max() < 0.01
