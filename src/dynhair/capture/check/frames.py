@@ -70,7 +70,7 @@ class TrackingChecker:
                 self.layout.root / "params",
                 "no frame has vertices.npy",
                 "positions of a tracked mesh, on whose scalp hair is rooted",
-                "let the head tracker write its vertices",
+                "let the head tracker write its vertices; until then the open head, fitted to the landmarks, stands in",
             )
         elif not self.layout.mesh.exists():
             self._add(
@@ -78,7 +78,7 @@ class TrackingChecker:
                 self.layout.mesh,
                 "the file is missing",
                 "the topology of vertices.npy, with the scalp marked",
-                "write it for the face model that the vertices are of",
+                "write it for the face model that the vertices are of; until then the open head stands in",
             )
         return facts
 
