@@ -28,6 +28,8 @@ from dynhair.config import (
 )
 from dynhair.errors import DynhairError
 from dynhair.training import train
+from dynhair.training.batches import Batch, Batches
+from dynhair.training.checkpoint import Checkpoint
 from dynhair.training.run import Run
 from synthetic import write_synthetic_capture
 
@@ -77,13 +79,11 @@ def test_a_run_leaves_an_avatar_a_checkpoint_a_log_and_a_preview(capture: Path, 
 def test_an_interrupted_run_goes_on_to_the_same_avatar(
     capture: Path, trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from dynhair.training.batches import Batches
-
     original = Batches.batch
 
-    def interrupted(self: Batches, step: int):
+    def interrupted(self: Batches, step: int) -> Batch:
         if step == 8:
-            raise KeyboardInterrupt
+            signal.raise_signal(signal.SIGINT)
         return original(self, step)
 
     out = tmp_path / "run"
@@ -92,6 +92,7 @@ def test_an_interrupted_run_goes_on_to_the_same_avatar(
         with pytest.raises(KeyboardInterrupt):
             train(capture, out, CONFIG, console=quiet())
     assert not Run.open(out).avatar.exists()
+    assert 0 < Checkpoint.read(Run.open(out).checkpoint).step < CONFIG.training.iterations
     train(capture, out, CONFIG, resume=True, console=quiet())
     assert_same_avatar(out, trained)
 

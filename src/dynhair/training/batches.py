@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -39,6 +40,11 @@ class Batch:
     body: Float[Tensor, "v h w"]
     orientation: Float[Tensor, "v h w"]
     coherence: Float[Tensor, "v h w"]
+
+    def to(self, device: torch.device) -> Batch:
+        """The batch on another device."""
+        maps = {name: getattr(self, name).to(device) for name in ("rgb", "hair", "body", "orientation", "coherence")}
+        return dataclasses.replace(self, cameras=[camera.to(device) for camera in self.cameras], **maps)
 
 
 class Batches:

@@ -46,7 +46,7 @@ class JointObjective(nn.Module):
     """The avatar under training and what it is compared with.
 
     Args:
-        avatar: the model.
+        avatar: the model, on the device that it is to be trained on.
         capture: gives tracks and the tracked surface.
         segments: the training segments.
         points: the head Gaussians' places on the tracked surface.
@@ -71,22 +71,23 @@ class JointObjective(nn.Module):
         with torch.no_grad():
             self._conditions = [avatar.conditions(track) for track in self._tracks]
         self._surface = tracked_surface(capture)
-        self._mesh = MeshDistance(self._surface.vertices(segments[0].start), self._surface.faces)
+        self._device = avatar.background.device
+        self._mesh = MeshDistance(self._surface.vertices(segments[0].start).to(self._device), self._surface.faces)
 
     def forward(self, batch: Batch, step: int) -> StepResult:
         """Draw the batch's frame and compare it with the images."""
         config, weights = self.config, self.config.weights
         segment = self._segments[batch.segment]
-        pose = head_pose(self._tracks[batch.segment], batch.index)
+        pose = head_pose(self._tracks[batch.segment], batch.index, self._device)
         window = self.avatar.window(self._conditions[batch.segment], batch.index)
         posed = self.avatar.posed(pose, window)
         images = self.avatar.render(posed, batch.cameras)
 
-        self._mesh.refit(self._surface.vertices(segment.start + batch.index))
+        self._mesh.refit(self._surface.vertices(segment.start + batch.index).to(self._device))
         generator = torch.Generator().manual_seed(config.seed * 1_000_003 + step)
         points = sample_strand_points(posed.strands, config.penetration_points, generator=generator)
         rest = self.avatar.canonical_strands.detach()
-        tracked = tracked_positions(self._surface, self._capture, segment, batch.index, self._points)
+        tracked = tracked_positions(self._surface, self._capture, segment, batch.index, self._points).to(self._device)
         terms = {
             "rgb": l1_loss(images.rgb, batch.rgb),
             "ssim": ssim_loss(images.rgb, batch.rgb),

@@ -26,6 +26,7 @@ from dynhair.training.batches import Batches, load_batch
 from dynhair.training.checkpoint import Checkpoint
 from dynhair.training.frames import rest_frame, training_segments
 from dynhair.training.head_start import fit_tracking, start_head
+from dynhair.training.interruption import interruptible
 from dynhair.training.objective import JointObjective
 from dynhair.training.previews import preview_picture, write_preview
 from dynhair.training.progress import StageProgress
@@ -97,6 +98,7 @@ class _Training:
 
     def finish(self) -> Avatar:
         avatar, points, checkpoint = self._start()
+        avatar.to(self.fabric.device)
         objective = JointObjective(avatar, self.capture, self.segments, points, self.config.training)
         self._train_jointly(objective, checkpoint)
         avatar = objective.avatar.eval()
@@ -168,35 +170,34 @@ class _Training:
             self.capture, self.segments, views=settings.views, image_size=settings.image_size, seed=settings.seed
         )
         stage = self.progress.stage("hair and head together", settings.iterations, first)
-        done, began = first, time.monotonic()
-        with SummaryWriter(self.run.log, purge_step=first) as log:
-            try:
-                for step, batch in enumerate(batches.from_step(first, settings.iterations), first):
-                    for group, rate in zip(optimizer.param_groups, rates, strict=True):
-                        group["lr"] = rate * decay(step, settings.iterations)
-                    result = model(batch, step)
-                    fabric_optimizer.zero_grad(set_to_none=True)
-                    self.fabric.backward(result.loss)
-                    torch.nn.utils.clip_grad_norm_(objective.avatar.hair.deformer.parameters(), GRADIENT_NORM)
-                    fabric_optimizer.step()
-                    done = step + 1
-                    if done % 10 == 0 or done == settings.iterations:
-                        loss, speed = float(result.loss.detach()), (done - first) / (time.monotonic() - began)
-                        stage.update(done, f"loss {loss:.4f}, {speed:.1f} it/s")
-                        log.add_scalar("loss", loss, done)
-                        log.add_scalar("iterations per second", speed, done)
-                        for name, term in result.terms.items():
-                            log.add_scalar(f"terms/{name}", float(term), done)
-                    if done % settings.preview_every == 0:
-                        picture = preview_picture(result.images, batch)
-                        log.add_image("truth above, avatar below", picture, done, dataformats="HWC")
-                        write_preview(picture, self.run.preview)
-                    if done % settings.checkpoint_every == 0 or done == settings.iterations:
-                        Checkpoint.of(done, objective, optimizer).write(self.run.checkpoint)
-            except KeyboardInterrupt:
-                Checkpoint.of(done, objective, optimizer).write(self.run.checkpoint)
-                self.console.print(f"Stopped at step {done}; go on with --resume.", highlight=False)
-                raise
+        began = time.monotonic()
+        with SummaryWriter(self.run.log, purge_step=first) as log, interruptible() as interruption:
+            for step, batch in enumerate(batches.from_step(first, settings.iterations), first):
+                for group, rate in zip(optimizer.param_groups, rates, strict=True):
+                    group["lr"] = rate * decay(step, settings.iterations)
+                result = model(batch.to(self.fabric.device), step)
+                fabric_optimizer.zero_grad(set_to_none=True)
+                self.fabric.backward(result.loss)
+                torch.nn.utils.clip_grad_norm_(objective.avatar.hair.deformer.parameters(), GRADIENT_NORM)
+                fabric_optimizer.step()
+                done = step + 1
+                if done % 10 == 0 or done == settings.iterations:
+                    loss, speed = float(result.loss.detach()), (done - first) / (time.monotonic() - began)
+                    stage.update(done, f"loss {loss:.4f}, {speed:.1f} it/s")
+                    log.add_scalar("loss", loss, done)
+                    log.add_scalar("iterations per second", speed, done)
+                    for name, term in result.terms.items():
+                        log.add_scalar(f"terms/{name}", float(term), done)
+                if done % settings.preview_every == 0:
+                    picture = preview_picture(result.images, batch)
+                    log.add_image("truth above, avatar below", picture, done, dataformats="HWC")
+                    write_preview(picture, self.run.preview)
+                finished = done == settings.iterations
+                if done % settings.checkpoint_every == 0 or finished or interruption.requested:
+                    Checkpoint.of(done, objective, optimizer).write(self.run.checkpoint)
+                if interruption.requested and not finished:
+                    self.console.print(f"Stopped after step {done}; go on with --resume.", highlight=False)
+                    raise KeyboardInterrupt
 
 
 def joint_optimizer(avatar: Avatar, rates: LearningRates) -> torch.optim.Adam:
