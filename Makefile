@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test slow lint check clean
+.PHONY: demo test slow lint clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/dynhair demo
