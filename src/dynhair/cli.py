@@ -14,16 +14,17 @@ from dynhair.errors import DynhairError
 PresetName = Literal["tiny", "small", "medium", "paper"]
 
 
-def demo(out: Path = Path("demo"), resume: bool = False) -> None:
+def demo(out: Path = Path("demo")) -> None:
     """Train a small avatar on the bundled capture and show it moving beside the truth, in about five minutes.
+
+    An interrupted demo goes on where it was.
 
     Args:
         out: Folder for the run, the videos and the pictures.
-        resume: Go on with an interrupted demo in that folder.
     """
     from dynhair.demo import run_demo
 
-    run_demo(out, resume=resume)
+    run_demo(out)
 
 
 def check(capture: Positional[Path], sheet: Path | None = None) -> None:

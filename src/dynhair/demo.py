@@ -28,15 +28,16 @@ def sample_capture() -> Path:
     )
 
 
-def run_demo(out: Path, *, resume: bool = False) -> None:
+def run_demo(out: Path) -> None:
     """Train preset ``tiny`` on the bundled capture and evaluate it, which says where the pictures are.
+
+    An interrupted demo goes on where it was.
 
     Args:
         out: folder for the run and its evaluation.
-        resume: go on with an interrupted demo.
     """
     console = Console()
     capture = sample_capture()
     if not (out / "avatar" / "avatar.json").exists():
-        train(capture, out, preset("tiny"), resume=resume or (out / "run.json").exists(), console=console)
+        train(capture, out, preset("tiny"), resume=(out / "run.json").exists(), console=console)
     run_evaluation(out / "avatar", capture, out / "evaluation", console=console)

@@ -25,6 +25,20 @@ def test_a_run_opens_as_it_was_created(tmp_path: Path) -> None:
     assert torch.equal(kept, strands)
 
 
+def test_a_kill_while_a_run_is_created_leaves_nothing_in_the_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def killed(*_: object) -> None:
+        raise SystemExit
+
+    with monkeypatch.context() as patched, pytest.raises(SystemExit):
+        patched.setattr("dynhair.training.run.write_json", killed)
+        Run.create(tmp_path / "run", tmp_path, preset("tiny"))
+    assert not (tmp_path / "run").exists()
+    Run.create(tmp_path / "run", tmp_path, preset("tiny"))
+    assert Run.open(tmp_path / "run").config == preset("tiny")
+
+
 def test_a_taken_folder_is_refused_and_kept(tmp_path: Path) -> None:
     (tmp_path / "precious").touch()
     with pytest.raises(DynhairError, match="something already"):

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from dynhair.config import Config, read_config, write_config
 from dynhair.errors import DynhairError
-from dynhair.storage import atomic_file, read_json, write_json
+from dynhair.storage import atomic_file, atomic_folder, read_json, write_json
 
 SCHEMA_VERSION = 1
 
@@ -46,9 +46,10 @@ class Run:
                 mend="go on with the run there by --resume, or choose another folder by --out",
             )
         run = cls(path, capture.resolve(), config)
-        write_config(config, path / "config.yaml")
-        # last, for it is what makes the folder a run
-        write_json(path / "run.json", {"kind": "dynhair run", "version": SCHEMA_VERSION, "capture": str(run.capture)})
+        with atomic_folder(path) as folder:
+            write_config(config, folder / "config.yaml")
+            description = {"kind": "dynhair run", "version": SCHEMA_VERSION, "capture": str(run.capture)}
+            write_json(folder / "run.json", description)
         return run
 
     @classmethod
