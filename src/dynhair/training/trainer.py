@@ -20,6 +20,7 @@ from dynhair.capture import Capture
 from dynhair.config import Config, LearningRates
 from dynhair.errors import DynhairError
 from dynhair.motion import SignalNormalizer, motion_signals
+from dynhair.progress import StageProgress
 from dynhair.strands import Roots
 from dynhair.threads import keep_large_blocks, large_pieces
 from dynhair.training.batches import Batches, load_batch
@@ -29,7 +30,6 @@ from dynhair.training.head_start import fit_tracking, start_head
 from dynhair.training.interruption import interruptible
 from dynhair.training.objective import JointObjective
 from dynhair.training.previews import preview_picture, write_preview
-from dynhair.training.progress import StageProgress
 from dynhair.training.run import Run
 from dynhair.training.static_hair import fit_canonical_hair, strand_width
 

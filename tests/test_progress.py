@@ -6,7 +6,7 @@ import io
 
 from rich.console import Console
 
-from dynhair.training.progress import StageProgress
+from dynhair.progress import StageProgress
 
 
 def test_a_stage_prints_a_few_lines_with_the_time_left() -> None:
