@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 import torch
 
-from dynhair.evaluation.pictures import LARGEST_ERROR, error_picture, grid, picture
+from dynhair.evaluation.pictures import LARGEST_ERROR, error_picture, picture
 from dynhair.evaluation.video import video_writer
+from dynhair.pictures import grid
 
 
 def read_video(path: Path) -> tuple[list[np.ndarray], Fraction, str, str]:

@@ -12,9 +12,10 @@ import torch
 from PIL import Image
 
 from dynhair.capture import Capture
-from dynhair.evaluation.pictures import Picture, error_picture, grid, picture
+from dynhair.evaluation.pictures import error_picture, picture
 from dynhair.evaluation.protocol import EvaluatedFrame
 from dynhair.evaluation.video import video_writer
+from dynhair.pictures import Picture, grid
 from dynhair.storage import atomic_file
 
 SHEET_COLUMNS = 6

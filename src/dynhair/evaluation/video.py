@@ -11,7 +11,7 @@ import av
 import numpy as np
 from av.video.reformatter import ColorRange, Colorspace
 
-from dynhair.evaluation.pictures import Picture
+from dynhair.pictures import Picture
 from dynhair.storage import atomic_file
 
 QUALITY = "18"
