@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from dynhair.face import OpenHead
+from dynhair.face import FaceModel, open_head
 from dynhair.strands import MeshDistance
 
 # iBUG-68's pairs of the person's right and left
@@ -21,16 +21,16 @@ MIRRORED[60:68] = [64, 63, 62, 61, 60, 67, 66, 65]
 
 
 @pytest.fixture(scope="module")
-def head() -> OpenHead:
-    return OpenHead.load()
+def head() -> FaceModel:
+    return open_head()
 
 
 @pytest.fixture(scope="module")
-def marks(head: OpenHead) -> Tensor:
+def marks(head: FaceModel) -> Tensor:
     return head.mean[head.landmarks68]
 
 
-def test_arrays_fit_together(head: OpenHead) -> None:
+def test_arrays_fit_together(head: FaceModel) -> None:
     count = len(head.mean)
     assert head.identity_modes.shape[1:] == head.expression_modes.shape[1:] == (count, 3)
     assert head.identity_modes.dtype == head.mean.dtype == torch.float32
@@ -40,10 +40,10 @@ def test_arrays_fit_together(head: OpenHead) -> None:
     assert 0 <= head.scalp.min() <= head.scalp.max() < len(head.faces)
     assert len(head.scalp.unique()) == len(head.scalp)
     assert 0 <= head.head_weight.min() <= head.head_weight.max() <= 1
-    assert OpenHead.load() is head
+    assert open_head() is head
 
 
-def test_vertices_are_linear_in_the_coefficients(head: OpenHead) -> None:
+def test_vertices_are_linear_in_the_coefficients(head: FaceModel) -> None:
     generator = torch.Generator().manual_seed(0)
     identity, expression = torch.randn(64, generator=generator), torch.rand(52, generator=generator)
     expected = (
@@ -55,7 +55,7 @@ def test_vertices_are_linear_in_the_coefficients(head: OpenHead) -> None:
     assert torch.equal(head.vertices(), head.mean)
 
 
-def test_the_head_is_upright_faces_forward_and_has_a_natural_size(head: OpenHead, marks: Tensor) -> None:
+def test_the_head_is_upright_faces_forward_and_has_a_natural_size(head: FaceModel, marks: Tensor) -> None:
     part = head.mean[head.head_weight > 0.95]
     assert 0.19 < float(part[:, 1].max() - marks[8, 1]) < 0.27  # crown to chin
     assert marks[30, 2] > head.mean[:, 2].max() - 1e-3  # the tip of the nose is foremost
@@ -65,21 +65,21 @@ def test_the_head_is_upright_faces_forward_and_has_a_natural_size(head: OpenHead
     assert shoulders[:, 1].mean() < marks[8, 1]
 
 
-def test_everything_within_the_head_moves_with_it(head: OpenHead) -> None:
+def test_everything_within_the_head_moves_with_it(head: FaceModel) -> None:
     face = (head.mean[:, 1] > 0) & (head.mean[:, 2] > 0.03)
     assert (head.head_weight[face] > 0.97).all()  # eyeballs too
     skull = head.head_weight == 1
     assert 0.6 < float(skull.float().mean()) < 0.8
 
 
-def test_faces_point_outwards(head: OpenHead) -> None:
+def test_faces_point_outwards(head: FaceModel) -> None:
     mesh = MeshDistance(head.mean, head.faces)
     distances, _ = mesh.query(torch.tensor([[0.0, 0.06, 0.02], [0.0, -0.2, 0.0], [0.0, 0.06, 0.3], [0.0, 0.3, 0.0]]))
     assert (distances[:2] < -0.02).all()
     assert (distances[2:] > 0.05).all()
 
 
-def test_the_scalp_is_the_hairy_part_of_the_head(head: OpenHead, marks: Tensor) -> None:
+def test_the_scalp_is_the_hairy_part_of_the_head(head: FaceModel, marks: Tensor) -> None:
     centres = head.mean[head.faces[head.scalp]].mean(1)
     assert centres[:, 1].max() > head.mean[:, 1].max() - 0.01
     forehead = centres[centres[:, 2] > 0.06]
@@ -94,7 +94,7 @@ def test_the_scalp_is_the_hairy_part_of_the_head(head: OpenHead, marks: Tensor) 
     assert 0.04 < float(area) < 0.09
 
 
-def test_landmarks_mirror_one_another(head: OpenHead, marks: Tensor) -> None:
+def test_landmarks_mirror_one_another(head: FaceModel, marks: Tensor) -> None:
     assert len(set(head.landmarks68.tolist())) == 68
     mirrored = marks[torch.from_numpy(MIRRORED)] * torch.tensor([-1.0, 1.0, 1.0])
     assert (marks - mirrored).norm(dim=1).max() < 1e-3
@@ -121,7 +121,7 @@ def test_landmarks_are_in_ibugs_order(marks: Tensor) -> None:
     assert x[48] < x[60] < x[61]
 
 
-def test_expressions_move_the_landmarks_of_their_place(head: OpenHead) -> None:
+def test_expressions_move_the_landmarks_of_their_place(head: FaceModel) -> None:
     def moved(name: str) -> Tensor:
         return head.expression_modes[head.expression_names.index(name)][head.landmarks68]
 

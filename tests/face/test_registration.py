@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from dynhair.errors import DynhairError
-from dynhair.face import OpenHead, register
+from dynhair.face import open_head, register
 from dynhair.face.registration import closest_similarity
 
 TURN = torch.from_numpy(Rotation.from_rotvec([0.3, -0.9, 0.2]).as_matrix()).float()
@@ -20,7 +20,7 @@ SHIFT = torch.tensor([0.1, 0.7, -0.2])
 
 def some_head(seed: int) -> Tensor:
     """Vertices of a head that is neither average nor extreme, with its mouth open."""
-    head = OpenHead.load()
+    head = open_head()
     identity = 0.7 * torch.randn(64, generator=torch.Generator().manual_seed(seed))
     expression = torch.zeros(52)
     expression[head.expression_names.index("jawOpen")] = 0.3
@@ -28,12 +28,12 @@ def some_head(seed: int) -> Tensor:
 
 
 def landmarks(vertices: Tensor) -> Tensor:
-    return vertices[OpenHead.load().landmarks66]
+    return vertices[open_head().landmarks66]
 
 
 def face_error(found: Tensor, truth: Tensor) -> float:
     """Mean distance of corresponding vertices of face and neck-free head, ears and scalp apart."""
-    head = OpenHead.load()
+    head = open_head()
     front = (head.head_weight > 0.95) & (head.mean[:, 2] > 0.05)
     return float((found - truth)[front].norm(dim=1).mean())
 
@@ -65,7 +65,7 @@ def test_the_closed_form_is_the_best_rotation_even_for_a_mirror_image() -> None:
 
 
 def test_the_average_head_is_found_exactly() -> None:
-    head = OpenHead.load()
+    head = open_head()
     truth = head.mean @ TURN.T + SHIFT
     found = register(landmarks(truth))
     assert found.scale == pytest.approx(1, abs=1e-4)
@@ -81,7 +81,7 @@ def test_a_head_is_found_from_its_own_landmarks(seed: int) -> None:
     found = register(landmarks(truth))
     assert found.scale == pytest.approx(1, abs=0.08)
     assert found.landmark_distance < 1e-3
-    average = register(landmarks(OpenHead.load().mean @ TURN.T + SHIFT)).vertices()
+    average = register(landmarks(open_head().mean @ TURN.T + SHIFT)).vertices()
     assert face_error(found.vertices(), truth) < 3e-3
     assert face_error(found.vertices(), truth) < 0.6 * face_error(average, truth)
 
@@ -110,7 +110,7 @@ def test_noise_of_some_millimetres_and_false_landmarks_do_little() -> None:
 
 
 def test_landmarks_that_slide_along_the_outline_of_the_face_do_little() -> None:
-    head = OpenHead.load()
+    head = open_head()
     observed = landmarks(head.mean)
     outline = [*range(8), *range(9, 17)]
     skin = head.mean[(head.head_weight > 0.95) & (head.mean[:, 0].abs() > 0.03)]
@@ -121,7 +121,7 @@ def test_landmarks_that_slide_along_the_outline_of_the_face_do_little() -> None:
 
 
 def test_motion_within_the_face_is_expression() -> None:
-    head = OpenHead.load()
+    head = open_head()
     strength = torch.zeros(52)
     strength[head.expression_names.index("jawOpen")] = 0.5
     strength[head.expression_names.index("browInnerUp")] = 0.5
@@ -134,7 +134,7 @@ def test_motion_within_the_face_is_expression() -> None:
 
 
 def test_landmarks_that_are_no_face_are_refused() -> None:
-    face = landmarks(OpenHead.load().mean)
+    face = landmarks(open_head().mean)
     nowhere = face.clone()
     nowhere[3] = torch.nan
     shuffled = face[torch.randperm(66, generator=torch.Generator().manual_seed(0))]

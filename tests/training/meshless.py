@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from dynhair.capture import Capture
-from dynhair.face import OpenHead
+from dynhair.face import open_head
 from synthetic import write_synthetic_capture
 
 NECK = torch.tensor([0.0, -0.05, -0.03])  # from the head frame's origin to the head joint
@@ -17,7 +17,7 @@ NECK = torch.tensor([0.0, -0.05, -0.03])  # from the head frame's origin to the 
 
 def true_head(expression: np.ndarray) -> Tensor:
     """Vertices of the filmed head in its head frame, metres; the first coefficient opens the mouth."""
-    model = OpenHead.load()
+    model = open_head()
     strength = torch.zeros(len(model.expression_modes))
     strength[model.expression_names.index("jawOpen")] = float(expression[0])
     return model.vertices(expression=strength) + NECK
@@ -33,7 +33,7 @@ def write_meshless_capture(path: Path, *, frames: int = 4, views: int = 2, size:
     for segment in capture.segments:
         track = capture.track(segment)
         for index, frame in enumerate(segment.frames):
-            landmarks = true_head(track.expressions[index])[OpenHead.load().landmarks66].numpy()
+            landmarks = true_head(track.expressions[index])[open_head().landmarks66].numpy()
             world = landmarks @ track.rotations[index].T + track.translations[index]
             np.save(capture.layout.landmarks_3d(frame), world.astype(np.float32))
             capture.layout.vertices(frame).unlink()

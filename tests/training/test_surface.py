@@ -15,7 +15,7 @@ from rich.console import Console
 from dynhair.capture import Capture
 from dynhair.config import Config, DeformerConfig, HairConfig, HeadConfig, TrainingConfig
 from dynhair.errors import DynhairError
-from dynhair.face import OpenHead
+from dynhair.face import open_head
 from dynhair.strands import MeshDistance
 from dynhair.training import train
 from dynhair.training.surface import RegisteredHead, tracked_surface
@@ -46,12 +46,12 @@ def test_a_capture_with_a_mesh_keeps_it(tmp_path: Path) -> None:
 
 
 def test_faces_and_scalp_are_the_open_heads(surface: RegisteredHead) -> None:
-    assert surface.faces is OpenHead.load().faces
-    assert surface.scalp is OpenHead.load().scalp
+    assert surface.faces is open_head().faces
+    assert surface.scalp is open_head().scalp
 
 
 def test_the_registered_head_follows_pose_and_expression(capture: Capture, surface: RegisteredHead) -> None:
-    on_head = OpenHead.load().head_weight == 1
+    on_head = open_head().head_weight == 1
     segment = capture.segments[0]
     track = capture.track(segment)
     assert np.abs(track.rotations - track.rotations[0]).max() > 0.3
@@ -63,8 +63,8 @@ def test_the_registered_head_follows_pose_and_expression(capture: Capture, surfa
 
 
 def test_the_head_moves_rigidly_where_the_face_does_not_move(capture: Capture, surface: RegisteredHead) -> None:
-    skull = OpenHead.load().faces[OpenHead.load().scalp].unique()
-    skull = skull[OpenHead.load().head_weight[skull] == 1]
+    skull = open_head().faces[open_head().scalp].unique()
+    skull = skull[open_head().head_weight[skull] == 1]
     track = capture.track(capture.segments[0])
 
     def head_local(index: int) -> np.ndarray:
@@ -74,7 +74,7 @@ def test_the_head_moves_rigidly_where_the_face_does_not_move(capture: Capture, s
 
 
 def test_shoulders_rest_and_the_neck_lies_between(surface: RegisteredHead) -> None:
-    weight = OpenHead.load().head_weight
+    weight = open_head().head_weight
     moved = (surface.vertices(2) - surface.vertices(0)).norm(dim=1)
     assert moved[weight == 0].max() < 1e-6
     assert moved[weight == 1].median() > 0.01
@@ -89,7 +89,7 @@ def test_later_segments_have_poses_of_their_own(tmp_path: Path) -> None:
     assert [segment.start for segment in capture.segments] == [0, 3]
     surface = tracked_surface(capture)
     for frame in (1, 3, 6):
-        landmarks = surface.vertices(frame)[OpenHead.load().landmarks66].numpy()
+        landmarks = surface.vertices(frame)[open_head().landmarks66].numpy()
         assert np.linalg.norm(landmarks - capture.landmarks_3d(frame), axis=1).mean() < 0.002
 
 

@@ -1,6 +1,7 @@
-"""Morphable face models: the open head that comes with the package, and its registration to landmarks."""
+"""Morphable face models: the open head that comes with the package, others from the user's files, and registration."""
 
-from dynhair.face.open_head import OpenHead
+from dynhair.face.model import FaceModel
+from dynhair.face.open_head import open_head
 from dynhair.face.registration import Registration, register
 
-__all__ = ["OpenHead", "Registration", "register"]
+__all__ = ["FaceModel", "Registration", "open_head", "register"]

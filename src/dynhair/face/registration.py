@@ -1,4 +1,4 @@
-"""Registering the open head to 3-D landmarks."""
+"""Registering a face model to 3-D landmarks."""
 
 from __future__ import annotations
 
@@ -12,33 +12,34 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from dynhair.errors import DynhairError
-from dynhair.face.landmarks import JAW, LANDMARKS66
-from dynhair.face.open_head import OpenHead
+from dynhair.face.model import FaceModel
+from dynhair.face.open_head import open_head
 
 _LANDMARK_ERROR = 3e-3  # standard deviation, metres on the model
-_EXPRESSION_DEVIATION = 0.3
 _WORST_MEDIAN = 0.012
 _ITERATIONS = 30
 _MOVES = 7  # unknowns of a similarity
 
 _CHIN = 8
-_OUTLINE = np.delete(np.arange(len(JAW)), _CHIN)
-_FIRM = np.delete(np.arange(len(LANDMARKS66)), _OUTLINE)
+_OUTLINE = np.delete(np.arange(17), _CHIN)
+_FIRM = np.delete(np.arange(66), _OUTLINE)
 
 
 @dataclass(frozen=True)
 class Registration:
-    """The open head placed on landmarks: ``x = scale * rotation @ x_model + translation``.
+    """A face model placed on landmarks: ``x = scale * rotation @ x_model + translation``.
 
     Attributes:
+        model: what was placed.
         scale: units of the landmarks per metre of the model.
         rotation: model to landmarks.
-        translation: of the model's head joint, in units of the landmarks.
+        translation: of the model's origin, in units of the landmarks.
         identity: coefficients in standard deviations.
-        expression: strength of each facial action.
+        expression: coefficients of the model's expression modes.
         landmark_distance: median distance to the model's landmarks, those of the outline apart, in the landmarks' unit.
     """
 
+    model: FaceModel
     scale: float
     rotation: Float[Tensor, "3 3"]
     translation: Float[Tensor, "3"]
@@ -53,8 +54,7 @@ class Registration:
             change: added to the expression.
         """
         expression = self.expression if change is None else self.expression + change
-        model = OpenHead.load().vertices(self.identity, expression)
-        return self.scale * model @ self.rotation.T + self.translation
+        return self.scale * self.model.vertices(self.identity, expression) @ self.rotation.T + self.translation
 
     def expression_change(self, moved: Float[Tensor, "66 3"]) -> Float[Tensor, " e"]:
         """The change of expression that moves the landmarks most nearly as given.
@@ -65,18 +65,18 @@ class Registration:
         Args:
             moved: displacement of each landmark since the registration, in the landmarks' frame and unit.
         """
-        head = OpenHead.load()
-        modes = head.expression_modes[:, head.landmarks66].flatten(1).double().T
+        modes = self.model.expression_modes[:, self.model.landmarks66].flatten(1).double().T
         target = (moved.double() @ self.rotation.double() / self.scale).flatten()
-        ridge = (_LANDMARK_ERROR / _EXPRESSION_DEVIATION) ** 2 * torch.eye(modes.shape[1], dtype=torch.float64)
+        penalty = (_LANDMARK_ERROR / self.model.expression_deviation) ** 2
+        ridge = penalty * torch.eye(modes.shape[1], dtype=torch.float64)
         return torch.linalg.solve(modes.T @ modes + ridge, modes.T @ target).float()
 
 
-def register(landmarks: Float[Tensor, "66 3"]) -> Registration:
-    """Fit place, size, identity and expression of the open head to the landmarks of one frame.
+def register(landmarks: Float[Tensor, "66 3"], model: FaceModel | None = None) -> Registration:
+    """Fit place, size, identity and expression of a face model to the landmarks of one frame.
 
     Maximum a posteriori, by Gauss-Newton from the closed-form similarity of the average head: identity coefficients
-    have standard deviation 1 and expression coefficients 0.3 around nought; landmarks have heavy-tailed errors
+    have standard deviation 1 around nought, expression coefficients the model's; landmarks have heavy-tailed errors
     (Student's t), so that a few false ones do little. Landmarks may have any unit and any pose.
 
     Where along the face's outline the jaw's landmarks lie is a matter of the tracker's convention, and may differ by 3
@@ -84,6 +84,7 @@ def register(landmarks: Float[Tensor, "66 3"]) -> Registration:
 
     Args:
         landmarks: iBUG-68 without 48 and 54.
+        model: the open head by default.
 
     Raises:
         DynhairError: they are not finite, or do not form a face.
@@ -91,11 +92,11 @@ def register(landmarks: Float[Tensor, "66 3"]) -> Registration:
     observed = landmarks.detach().double().numpy()
     if not np.isfinite(observed).all():
         raise DynhairError("3-D landmarks are not finite", expected="66 points", mend="run the landmark tracker again")
-    head = OpenHead.load()
+    head = open_head() if model is None else model
     mean = head.mean.double().numpy()
     modes = torch.cat([head.identity_modes, head.expression_modes]).double().numpy()
     sizes = len(head.identity_modes), len(head.expression_modes)
-    prior = np.diag(np.repeat([0.0, 1.0, _EXPRESSION_DEVIATION**-2], [_MOVES, *sizes]))
+    prior = np.diag(np.repeat([0.0, 1.0, head.expression_deviation**-2], [_MOVES, *sizes]))
     firm = head.landmarks66.numpy()[_FIRM]
     skin = np.flatnonzero(head.head_weight.numpy() > 0.9)
     normals = _vertex_normals(mean, head.faces.numpy())
@@ -135,6 +136,7 @@ def register(landmarks: Float[Tensor, "66 3"]) -> Registration:
         )
     identity, expression = np.split(coefficients.astype(np.float32), [sizes[0]])
     return Registration(
+        model=head,
         scale=scale,
         rotation=torch.from_numpy(rotation).float(),
         translation=torch.from_numpy(translation).float(),

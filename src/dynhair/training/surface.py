@@ -11,7 +11,7 @@ from torch import Tensor
 
 from dynhair.capture import Capture
 from dynhair.errors import DynhairError
-from dynhair.face import OpenHead, Registration, register
+from dynhair.face import Registration, register
 from dynhair.training.frames import head_frame, rest_frame
 
 
@@ -88,7 +88,7 @@ class RegisteredHead(TrackedSurface):
         except DynhairError as error:
             path = capture.layout.landmarks_3d(frame)
             raise DynhairError(error.message, path=path, expected=error.expected, mend=error.mend) from error
-        head = OpenHead.load()
+        head = registration.model
         return cls(capture, head.faces, head.scalp, registration, landmarks, frame)
 
     def vertices(self, frame: int) -> Float[Tensor, "v 3"]:
@@ -98,7 +98,7 @@ class RegisteredHead(TrackedSurface):
         change = self.registration.expression_change(landmarks - self.landmarks)
         head = self.registration.vertices(change)
         rest_rotation, rest_translation = self._pose(self.rest)
-        weight = OpenHead.load().head_weight[:, None]
+        weight = self.registration.model.head_weight[:, None]
         moving, resting = head @ rotation.T + translation, head @ rest_rotation.T + rest_translation
         return weight * moving + (1 - weight) * resting
 
