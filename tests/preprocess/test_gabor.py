@@ -79,7 +79,7 @@ def test_single_pixels_agree_with_the_plain_bank() -> None:
     )
     error = apart(found, angles[response.argmax(0)])[clear]
     assert error.mean() < 0.4  # a quarter of a degree of it is the steps between the filters
-    assert np.quantile(error, 0.99) < 1  # some peaks are all but flat
+    assert np.quantile(error, 0.98) < 1  # some peaks are all but flat
     mean = np.abs((np.exp(2j * np.pi * angles)[:, None, None] * response).sum(0)) / response.sum(0)
     np.testing.assert_allclose(coherence, np.minimum(mean / 0.83129, 1), atol=0.02)
 
