@@ -214,3 +214,10 @@ def test_masks_follow_their_pictures(tmp_path: Path, workspace: Workspace) -> No
     view = ViewId(2, "02")
     mask = np.asarray(Image.open(workspace.given_path(view, "mask"))).astype(int)
     assert np.abs(mask - workspace.image(view)[..., 0]).max() <= 8  # the scene's mask is its red channel
+
+
+def test_calibrated_cameras_without_videos_are_noted(raw: Path, workspace: Workspace) -> None:
+    for take in raw_scene.TAKES:
+        (raw / "videos" / take / "02.mp4").unlink()
+    assert "calibrated cameras without pictures: 02" in run(raw, workspace)
+    assert workspace.manifest.camera_names == ("01",)

@@ -6,13 +6,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, UInt8
 
 from dynhair.capture.records import Split
-from dynhair.errors import DynhairError
 from dynhair.preprocess.sources.options import Up
 
 
@@ -46,12 +45,6 @@ class World:
 
     metres_per_unit: float = 1.0
     up: Up = "y"
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.metres_per_unit) and self.metres_per_unit > 0):
-            raise DynhairError(f"`metres_per_unit` is {self.metres_per_unit}", expected="a number above 0")
-        if self.up not in get_args(Up):
-            raise DynhairError(f"`up` is {self.up!r}", expected=" or ".join(get_args(Up)))
 
     @property
     def to_y_up(self) -> Float64[np.ndarray, "3 3"]:

@@ -119,8 +119,9 @@ def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
                 raise DynhairError("has no video stream", path=path, expected="a video")
             yield container, container.streams.video[0]
     except (FFmpegError, StopIteration) as error:
+        reason = error.strerror if isinstance(error, FFmpegError) else "it has no frames"
         raise DynhairError(
-            f"cannot be decoded ({error or 'no frames'})", path=path, expected="a whole video", mend="copy it again"
+            f"cannot be decoded ({reason})", path=path, expected="a whole video", mend="copy it again"
         ) from None
 
 

@@ -124,8 +124,8 @@ def _lens(model: str, width: int, height: int, values: list[float], path: Path, 
 
 
 def _image(name: str, lens: int, quaternion: list[float], translation: list[float], path: Path) -> _Image:
-    q = numbers(quaternion, (4,), path, f"image `{name}`: QW, QX, QY, QZ")
-    t = numbers(translation, (3,), path, f"image `{name}`: TX, TY, TZ")
+    q = numbers(quaternion, (4,), path, f"image {name}: QW, QX, QY, QZ")
+    t = numbers(translation, (3,), path, f"image {name}: TX, TY, TZ")
     if abs(np.linalg.norm(q) - 1) > 1e-2:
         raise DynhairError(
             f"image `{name}`: `QW, QX, QY, QZ` has the length {np.linalg.norm(q):.3g}", path=path, expected="1"

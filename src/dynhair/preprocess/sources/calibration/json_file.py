@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from dynhair.preprocess.sources.matrices import (
     size,
     world_to_camera,
 )
+from dynhair.preprocess.sources.options import Up
 from dynhair.preprocess.sources.recording import SourceCamera, World
 from dynhair.storage import read_json
 
@@ -42,11 +43,17 @@ def read_json_calibration(path: Path) -> Calibration:
     cameras = field(raw, "cameras", path)
     if not isinstance(cameras, Mapping) or not cameras:
         raise DynhairError("`cameras` is not an object with cameras", path=path, expected='{"front": {...}, ...}')
-    try:
-        world = World(float(numbers(raw.get("metres_per_unit", 1.0), (), path, "metres_per_unit")), raw.get("up", "y"))
-    except DynhairError as error:
-        raise DynhairError(error.message, path=path, expected=error.expected) from None
-    return Calibration(path, {name: _camera(value, path, f"cameras.{name}") for name, value in cameras.items()}, world)
+    found = {name: _camera(value, path, f"cameras.{name}") for name, value in cameras.items()}
+    return Calibration(path, found, _world(raw, path))
+
+
+def _world(raw: Mapping[str, Any], path: Path) -> World:
+    metres, up = float(numbers(raw.get("metres_per_unit", 1.0), (), path, "metres_per_unit")), raw.get("up", "y")
+    if metres <= 0:
+        raise DynhairError(f"`metres_per_unit` is {metres:g}", path=path, expected="a number above 0")
+    if up not in get_args(Up):
+        raise DynhairError(f"`up` is {up!r}", path=path, expected=" or ".join(get_args(Up)))
+    return World(metres, up)
 
 
 def _camera(raw: Any, path: Path, where: str) -> SourceCamera:

@@ -128,8 +128,9 @@ def _readable(path: Path, node: str | None = None) -> Iterator[None]:
         yield
     except Exception as error:  # OpenCV raises its own error, or SystemError around it
         what = "cannot be read" if node is None else f"`{node}` cannot be read"
+        cause = error.__cause__ or error
         raise DynhairError(
-            f"{what} ({str(error.__cause__ or error).strip().splitlines()[-1]})",
+            f"{what} ({getattr(cause, 'err', cause)})",
             path=path,
             expected="YAML or XML as cv2.FileStorage writes it, beginning with %YAML:1.0 or <?xml",
         ) from None

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from dynhair.errors import DynhairError
-from dynhair.preprocess.sources.recording import SourceCamera, World
+from dynhair.preprocess.sources.recording import SourceCamera, Take, World
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,12 @@ class Calibration:
     path: Path
     cameras: Mapping[str, SourceCamera]
     world: World = field(default_factory=World)
+
+    def notes(self, takes: Iterable[Take]) -> tuple[str, ...]:
+        """Say which cameras filmed nothing: a video may have been forgotten."""
+        filmed = {name for take in takes for name in take.channels}
+        idle = [name for name in self.cameras if name not in filmed]
+        return (f"calibrated cameras without pictures: {', '.join(idle)}",) if idle else ()
 
     def fixed(self, name: str) -> Callable[[int], SourceCamera]:
         """Return what gives the camera of this name for every frame.

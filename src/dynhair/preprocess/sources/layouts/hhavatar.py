@@ -21,17 +21,19 @@ def matches(path: Path) -> bool:
 
 def open_hhavatar(path: Path, calibration: Path | None) -> Recording:
     """Open a subject's folder; ``calibration`` is another folder of cameras."""
-    sequences = {folder.name: videos_in(folder / "videos", "image_") for folder in folders_in(path / "sequences")}
-    takes = {name: videos for name, videos in sequences.items() if videos}
-    if not takes:
+    folders = {folder.name: videos_in(folder / "videos", "image_") for folder in folders_in(path / "sequences")}
+    sequences = {name: videos for name, videos in folders.items() if videos}
+    if not sequences:
         raise DynhairError("no videos are there", path=path / "sequences", expected="SEQUENCE/videos/image_ID.mp4")
     folder = calibration or path / "cameras"
     cameras = {file.stem.removeprefix(_PREFIX): read_camera(file) for file in sorted(folder.glob(f"{_PREFIX}*.npz"))}
     table = Calibration(folder, cameras)
+    takes = tuple(video_take(name, videos, table) for name, videos in sequences.items())
     return Recording(
         path=path,
         layout="hhavatar",
-        takes=tuple(video_take(name, videos, table) for name, videos in takes.items()),
+        takes=takes,
+        notes=table.notes(takes),
     )
 
 

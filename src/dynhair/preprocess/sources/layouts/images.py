@@ -22,14 +22,16 @@ def open_images(path: Path, calibration: Path | None) -> Recording:
     Raises:
         DynhairError: an image is missing in the middle, or cameras have images of different numbers.
     """
-    takes = _takes(path)
-    if not takes:
+    named = _takes(path)
+    if not named:
         raise DynhairError("no images are there", path=path / "images", expected="TAKE/CAMERA/0000.png")
     table = read_calibration(calibration, path)
+    takes = tuple(_take(name, cameras, table) for name, cameras in named.items())
     return Recording(
         path=path,
         layout="images",
-        takes=tuple(_take(name, cameras, table) for name, cameras in takes.items()),
+        takes=takes,
+        notes=table.notes(takes),
         world=table.world,
         plates=plates(path / "background"),
     )

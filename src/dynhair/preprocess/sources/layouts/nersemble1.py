@@ -21,14 +21,16 @@ def matches(path: Path) -> bool:
 
 def open_nersemble1(path: Path, calibration: Path | None) -> Recording:
     """Open a participant's folder."""
-    takes = {folder.name: found for folder in folders_in(path) if (found := videos_in(folder, "cam_"))}
-    if not takes:
+    sequences = {folder.name: found for folder in folders_in(path) if (found := videos_in(folder, "cam_"))}
+    if not sequences:
         raise DynhairError("no videos are there", path=path, expected="SEQUENCE/cam_SERIAL.mp4")
     table = read_camera_params(calibration or _camera_params(path))
+    takes = tuple(video_take(name, videos, table) for name, videos in sequences.items())
     return Recording(
         path=path,
         layout="nersemble1",
-        takes=tuple(video_take(name, videos, table) for name, videos in takes.items()),
+        takes=takes,
+        notes=table.notes(takes),
     )
 
 

@@ -27,15 +27,17 @@ def matches(path: Path) -> bool:
 
 def open_nersemble2(path: Path, calibration: Path | None) -> Recording:
     """Open a participant's folder."""
-    sequences = {folder.name: videos_in(folder / "images", "cam_") for folder in folders_in(path / "sequences")}
-    takes = {name: videos for name, videos in sequences.items() if videos}
-    if not takes:
+    folders = {folder.name: videos_in(folder / "images", "cam_") for folder in folders_in(path / "sequences")}
+    sequences = {name: videos for name, videos in folders.items() if videos}
+    if not sequences:
         raise DynhairError("no videos are there", path=path / "sequences", expected="SEQUENCE/images/cam_SERIAL.mp4")
     table = read_camera_params(calibration or path / "calibration" / "camera_params.json")
+    takes = tuple(video_take(name, videos, table) for name, videos in sequences.items())
     return Recording(
         path=path,
         layout="nersemble2",
-        takes=tuple(video_take(name, videos, table) for name, videos in takes.items()),
+        takes=takes,
+        notes=table.notes(takes),
         plates=plates(path / "sequences" / "BACKGROUND", "image_"),
     )
 

@@ -20,14 +20,16 @@ def matches(path: Path) -> bool:
 
 def open_videos(path: Path, calibration: Path | None) -> Recording:
     """Open it; ``background/CAMERA.png`` are clean plates."""
-    takes = _takes(path / "videos")
-    if not takes:
+    named = _takes(path / "videos")
+    if not named:
         raise DynhairError("no videos are there", path=path / "videos", expected="CAMERA.mp4, or TAKE/CAMERA.mp4")
     table = read_calibration(calibration, path)
+    takes = tuple(video_take(name, files, table) for name, files in named.items())
     return Recording(
         path=path,
         layout="videos",
-        takes=tuple(video_take(name, files, table) for name, files in takes.items()),
+        takes=takes,
+        notes=table.notes(takes),
         world=table.world,
         plates=plates(path / "background"),
     )
