@@ -14,6 +14,7 @@ from dynhair.preprocess.landmarks.landmarker import FaceLandmarks, square_from_p
 from dynhair.preprocess.landmarks.square import FaceSquare
 
 _ROUNDS = 3
+_SINGULAR = 1e-12  # determinant of the normal equations over the cube of their trace, below which rays are parallel
 _MIN_SHARED = 30  # points that two views must both see to be compared
 _SEEN = 0.3  # visibility from which a point counts as seen
 _TOLERANCE = 0.03  # median distance of a view's points from the projected ones, over the side of the face's square
@@ -43,12 +44,13 @@ def triangulate(
     for _ in range(_ROUNDS):
         scaled = rows * (np.sqrt(weights) / depths)[..., None, None]
         left = np.moveaxis(scaled, 0, 1).reshape(len(points), -1, 4)
-        normal = np.einsum("nri,nrj->nij", left[..., :3], left)
-        solvable = enough & (np.linalg.cond(normal[..., :3]) < 1 / np.finfo(np.float64).eps)
+        normal = left[..., :3].swapaxes(1, 2) @ left
+        size = np.trace(normal[..., :3], axis1=1, axis2=2)
+        solvable = enough & (np.linalg.det(normal[..., :3]) > _SINGULAR * size**3)
         points[~solvable] = np.nan
         points[solvable] = -np.linalg.solve(normal[solvable, :, :3], normal[solvable, :, 3:])[..., 0]
-        found = np.einsum("vi,ni->vn", projections[:, 2, :3], np.nan_to_num(points)) + projections[:, 2, 3:]
-        depths = np.where(np.abs(found) > np.finfo(np.float64).eps, np.abs(found), 1.0)
+        found = np.nan_to_num(points) @ projections[:, 2, :3].T + projections[:, 2, 3]
+        depths = np.where(np.abs(found) > np.finfo(np.float64).eps, np.abs(found), 1.0).T
     return points
 
 
