@@ -53,17 +53,17 @@ def centroid(pixels: np.ndarray) -> np.ndarray:
     return np.array([(columns * pixels).sum(), (rows * pixels).sum()]) / pixels.sum()
 
 
-@pytest.mark.parametrize("lens", ["none", "pinhole", "fisheye"])
+@pytest.mark.parametrize("lens", ["none", "pinhole", "fisheye", "plain_fisheye"])
 @pytest.mark.parametrize(
     ("crop", "size"),
     [(None, None), ((30, 20, 261, 187), None), ("square", 120), ((30, 20, 250, 200), (125, 100)), (None, 500)],
 )
 def test_a_point_stays_on_its_feature(lens: str, crop: Crop, size: Size) -> None:
-    distortion = {"none": (), "pinhole": PINHOLE_DISTORTION, "fisheye": FISHEYE_DISTORTION}[lens]
-    rectify = Rectifier(camera(distortion, fisheye=lens == "fisheye"), STORED, crop, size)
+    distortion = {"none": (), "pinhole": PINHOLE_DISTORTION, "fisheye": FISHEYE_DISTORTION}.get(lens, (0.0,) * 4)
+    rectify = Rectifier(camera(distortion, fisheye=lens.endswith("fisheye")), STORED, crop, size)
     for x, y in [(0.0, 0.0), (0.25, -0.2), (-0.22, 0.15), (0.1, 0.22)]:
         direction = np.array([x, y, 1.0])
-        result = rectify(spot(distorted(direction, distortion, fisheye=lens == "fisheye")))
+        result = rectify(spot(distorted(direction, distortion, fisheye=lens.endswith("fisheye"))))
         assert result.shape[1::-1] == rectify.size
         enlarged = max(1, rectify.size[0] / STORED[0])
         np.testing.assert_allclose(centroid(result), (rectify.K @ direction)[:2], atol=0.05 * enlarged)

@@ -32,6 +32,7 @@ class Rectifier:
     def __init__(self, camera: SourceCamera, stored: tuple[int, int], crop: Crop = None, size: Size = None) -> None:
         self._stored = stored
         self._distortion, self._fisheye = camera.distortion, camera.fisheye
+        self._distorts = camera.fisheye or bool(camera.distortion.any())  # a fisheye does with zeros too
         self._source_K = _scaled(camera.K, stored, camera.size) if camera.size else camera.K
         self._crop = crop_box(crop, stored)
         self.size = _resized(self._crop[2:], size)
@@ -44,14 +45,14 @@ class Rectifier:
     @property
     def is_identity(self) -> bool:
         """Whether pictures stay as they are."""
-        return not self._distortion.any() and self._crop == (0, 0, *self._stored) and self.size == self._stored
+        return not self._distorts and self._crop == (0, 0, *self._stored) and self.size == self._stored
 
     def __call__(self, pixels: UInt8[np.ndarray, "h w *c"]) -> UInt8[np.ndarray, "v u *c"]:
         """Bring a picture, or a map of it, to the result's geometry; what the lens did not see becomes 0."""
         import cv2
 
         x, y, width, height = self._crop
-        if self._distortion.any():
+        if self._distorts:
             pixels = cv2.remap(pixels, *self._maps, cv2.INTER_LINEAR).astype(np.uint8, copy=False)
         else:
             pixels = pixels[y : y + height, x : x + width]
