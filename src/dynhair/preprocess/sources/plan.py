@@ -73,12 +73,39 @@ def plan_import(recording: Recording, options: ImportOptions) -> ImportPlan:
             names what is not there.
     """
     notes = list(recording.notes)
-    takes = _chosen("take", options.takes, {take.name: take for take in recording.takes})
+    takes = _chosen_takes(recording, options)
     cameras = _chosen_cameras(takes, options)
     channels = {(take.name, name): take.channels[name] for take in takes for name in cameras}
     _probe(list(channels.values()))
     counts = {take.name: _count(take, cameras, notes) for take in takes}
     splits = _splits(takes, options, notes)
+    shots = _shots(recording, takes, counts, splits, options)
+    stored = {name: _stored_size(takes, name) for name in cameras}
+    static, static_frame = _static(recording.static, shots, notes)
+    world = _world(recording.world, options)
+    manifest = Manifest(
+        fps=_rate(recording, channels) / options.stride,
+        image_size=_image_size(takes[0], cameras, stored, static, options),
+        camera_names=cameras,
+        segments=tuple(shot.segment for shot in shots),
+        gravity=_gravity(recording, world),
+        background=recording.background,
+        static_frame=static_frame,
+        notes={"cameras": {n: recording.camera_notes[n] for n in cameras if n in recording.camera_notes}},
+    )
+    if problems := manifest_problems(manifest.to_json(), recording.path):
+        raise problems[0]
+    return ImportPlan(tuple(shots), static, manifest, world, stored, tuple(notes))
+
+
+def _shots(
+    recording: Recording,
+    takes: Sequence[Take],
+    counts: Mapping[str, int],
+    splits: Mapping[str, Split],
+    options: ImportOptions,
+) -> list[Shot]:
+    """The frames of each take that are used; ids of frames run on over takes."""
     shots: list[Shot] = []
     for take in takes:
         indices = range(options.start, min(options.stop or counts[take.name], counts[take.name]), options.stride)
@@ -92,26 +119,7 @@ def plan_import(recording: Recording, options: ImportOptions) -> ImportPlan:
         first = shots[-1].segment.start + shots[-1].segment.count if shots else 0
         segment = Segment(_segment_name(take.name), first, len(indices), splits[take.name])
         shots.append(Shot(take, segment, indices))
-    stored = {name: _stored_size(takes, name) for name in cameras}
-    static, static_frame = _static(recording.static, shots, notes)
-    world = _world(recording.world, options)
-    gravity = (0.0, -9.81, 0.0)
-    if recording.gravity is not None:
-        x, y, z = (world.to_y_up @ recording.gravity).tolist()
-        gravity = (x, y, z)
-    manifest = Manifest(
-        fps=_rate(recording, channels) / options.stride,
-        image_size=_image_size(takes[0], cameras, stored, static, options),
-        camera_names=cameras,
-        segments=tuple(shot.segment for shot in shots),
-        gravity=gravity,
-        background=recording.background,
-        static_frame=static_frame,
-        notes={"cameras": {n: recording.camera_notes[n] for n in cameras if n in recording.camera_notes}},
-    )
-    if problems := manifest_problems(manifest.to_json(), recording.path):
-        raise problems[0]
-    return ImportPlan(tuple(shots), static, manifest, world, stored, tuple(notes))
+    return shots
 
 
 def _world(recorded: World, options: ImportOptions) -> World:
@@ -119,13 +127,19 @@ def _world(recorded: World, options: ImportOptions) -> World:
     return World(options.metres_per_unit or recorded.metres_per_unit, options.up or recorded.up)
 
 
-def _chosen(what: str, wanted: Sequence[str] | None, found: Mapping[str, Take]) -> list[Take]:
-    if wanted is None:
-        return list(found.values())
-    for name in wanted:
-        if name not in found:
-            raise DynhairError(f"there is no {what} `{name}`", expected=" or ".join(found))
-    return [take for name, take in found.items() if name in wanted]
+def _gravity(recording: Recording, world: World) -> tuple[float, float, float]:
+    if recording.gravity is None:
+        return (0.0, -9.81, 0.0)
+    x, y, z = (world.to_y_up @ recording.gravity).tolist()
+    return (x, y, z)
+
+
+def _chosen_takes(recording: Recording, options: ImportOptions) -> list[Take]:
+    names = [take.name for take in recording.takes]
+    for name in options.takes or ():
+        if name not in names:
+            raise DynhairError(f"there is no take `{name}`", path=recording.path, expected=" or ".join(names))
+    return [take for take in recording.takes if options.takes is None or take.name in options.takes]
 
 
 def _chosen_cameras(takes: Sequence[Take], options: ImportOptions) -> tuple[str, ...]:
