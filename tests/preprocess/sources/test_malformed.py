@@ -483,6 +483,7 @@ def test_a_malformed_recording_is_refused(case: str, pristine: Callable[[str], P
     ("options", "message"),
     [
         ({"takes": ("HAIR",)}, "there is no take `HAIR`"),
+        ({"takes": ()}, "no take or no camera"),
         ({"cameras": ("03",)}, "there is no camera `03`"),
         ({"test_takes": ("HAIR",)}, "there is no take `HAIR` to hold out"),
         ({"test_takes": ("nod", "FREE")}, "all takes are held out"),

@@ -42,6 +42,8 @@ class ImportOptions:
     up: Up | None = None
 
     def __post_init__(self) -> None:
+        if self.takes == () or self.cameras == ():
+            raise DynhairError("no take or no camera is to be used", expected="one name or more, or None for all")
         if self.start < 0 or (self.stop is not None and self.stop <= self.start):
             raise DynhairError(f"the frames from {self.start} to {self.stop}", expected="0 <= start < stop")
         if self.stride < 1:
