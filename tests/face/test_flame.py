@@ -94,7 +94,7 @@ def posed(fields: dict[str, np.ndarray], turn: list[float]) -> np.ndarray:
 
 def test_the_jaw_opens_along_a_line(tmp_path: Path, fields: dict[str, np.ndarray]) -> None:
     model = face_model(write(tmp_path / "generic_model.pkl", fields))
-    for name, turn in (("jawOpen", [0.3, 0, 0]), ("jawLeft", [0, 0.1, 0])):
+    for name, turn in (("jawPitch", [0.3, 0, 0]), ("jawYaw", [0, 0.1, 0])):
         strength = 2.0 * np.eye(52, dtype=np.float32)[model.expression_names.index(name)]
         moved = model.mean.numpy() + np.tensordot(strength, model.expression_modes.numpy(), axes=1)
         np.testing.assert_allclose(moved, posed(fields, turn), atol=1e-5)

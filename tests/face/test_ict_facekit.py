@@ -11,7 +11,7 @@ from disguise import Disguise, assert_sees_through, disguise
 
 from dynhair.errors import DynhairError
 from dynhair.face import face_model
-from dynhair.face.ict_facekit import EXPRESSIONS, LANDMARKS68, VERTICES
+from dynhair.face.ict_facekit import FILES, LANDMARKS68, VERTICES
 from dynhair.face.wavefront import read_triangles, read_vertices
 
 SHELL = 100  # vertices of the shells that are left out
@@ -38,8 +38,8 @@ def folder(truth: Disguise, tmp_path_factory: pytest.TempPathFactory) -> Path:
     for index, mode in enumerate(truth.identity_modes):
         write_obj(folder / f"identity{index:03d}.obj", 100 * (truth.mean + mode), truth.faces[:1])
     neutral = (folder / "generic_neutral_mesh.obj").read_text()
-    for name in EXPRESSIONS:
-        (folder / f"{name}.obj").write_text(neutral)
+    for name in FILES.values():
+        (folder / name).write_text(neutral)
     write_obj(folder / "jawOpen.obj", 100 * (truth.mean + truth.expression_modes[1]), truth.faces[:1])
     return folder
 
@@ -50,6 +50,7 @@ def test_the_folder_is_read(folder: Path, truth: Disguise) -> None:
     assert len(model.expression_names) == len(model.expression_modes) == 53
     jaw = model.expression_names.index("jawOpen")
     np.testing.assert_allclose(model.expression_modes[jaw].numpy(), truth.expression_modes[1], atol=1e-7)
+    assert {"mouthSmileLeft", "mouthSmileRight", "browInnerUpLeft", "jawLeft"} < set(model.expression_names)
     others = [index for index in range(53) if index != jaw]
     assert not model.expression_modes[others].any()
     assert (model.expression_range, model.expression_deviation) == ((0, 1), 0.3)

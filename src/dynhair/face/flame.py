@@ -25,8 +25,8 @@ _FIRST_EXPRESSION = 300
 
 # Joints: 0 the trunk, 1 the neck, 2 the jaw, 3 and 4 the eyes.
 _TRUNK, _NECK, _JAW = 0, 1, 2
-# Axis times angle of one standard deviation.
-_JAW_TURNS = {"jawOpen": (0.15, 0.0, 0.0), "jawLeft": (0.0, 0.05, 0.0)}
+# Axis times angle of one standard deviation: open, to the left. ARKit's names would promise strengths.
+_JAW_TURNS = {"jawPitch": (0.15, 0.0, 0.0), "jawYaw": (0.0, 0.05, 0.0)}
 
 # iBUG-68: the vertices nearest to the landmarks that are published with FLAME.
 _RIM = (2210, 1963, 3056, 3424, 3423, 3421, 3419, 3416, 3414, 3635, 3643, 3646, 3650, 3652, 2004, 568, 728)

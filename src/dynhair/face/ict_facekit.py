@@ -23,7 +23,10 @@ _ONE += " mouthRollUpper mouthShrugLower mouthShrugUpper"
 _TWO = "browDown browInnerUp browOuterUp cheekPuff cheekSquint eyeBlink eyeLookDown eyeLookIn eyeLookOut eyeLookUp"
 _TWO += " eyeSquint eyeWide mouthDimple mouthFrown mouthLowerDown mouthPress mouthSmile mouthStretch mouthUpperUp"
 _TWO += " noseSneer"
-EXPRESSIONS = tuple(sorted([*_ONE.split(), *(f"{name}_{side}" for name in _TWO.split() for side in "LR")]))
+# ARKit's names, but that browInnerUp and cheekPuff have two sides here; and the files they are in.
+FILES = {name: f"{name}.obj" for name in _ONE.split()}
+FILES |= {f"{name}{side}": f"{name}_{side[0]}.obj" for name in _TWO.split() for side in ("Left", "Right")}
+EXPRESSIONS = tuple(sorted(FILES))
 
 # Multi-PIE's 68 points, which iBUG's follow: from the project's README, with its jawlines on the bone.
 _JAW = (1278, 1272, 12, 1834, 243, 781, 2199, 1447, 966, 3661, 4390, 3022, 2484, 4036, 2253, 3490, 3496)
@@ -36,7 +39,7 @@ LANDMARKS68 = (*_JAW, *_BROWS, *_NOSE, *_EYES, *_OUTER_LIPS, *_INNER_LIPS)
 
 
 def ict_facekit(folder: Path) -> FaceModel:
-    """Read the folder FaceXModel of ICT-FaceKit, in some ten seconds.
+    """Read the folder FaceXModel of ICT-FaceKit, in a few seconds.
 
     Its neutral head is the average; its identities are principal components of light-stage scans. The origin is the
     files': 13 cm behind the tip of the nose, at its height.
@@ -66,7 +69,7 @@ def ict_facekit(folder: Path) -> FaceModel:
         name="ICT-FaceKit",
         mean=METRES * mean,
         identity_modes=modes(identities),
-        expression_modes=modes([folder / f"{name}.obj" for name in EXPRESSIONS]),
+        expression_modes=modes([folder / FILES[name] for name in EXPRESSIONS]),
         expression_names=EXPRESSIONS,
         faces=triangles[(triangles < VERTICES).all(1)],
         landmarks68=np.array(LANDMARKS68),
