@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import tyro
-from tyro.conf import Positional
+from tyro.conf import Positional, arg, subcommand
 
 from dynhair.errors import DynhairError
+from dynhair.preprocess.options import ImportOptions, PreprocessOptions
 
 PresetName = Literal["tiny", "small", "medium", "paper"]
 
@@ -25,6 +27,81 @@ def demo(out: Path = Path("demo")) -> None:
     from dynhair.demo import run_demo
 
     run_demo(out)
+
+
+def preprocess(
+    raw: Positional[Path],
+    out: Path,
+    importing: Annotated[ImportOptions, arg(name="")],
+    options: Annotated[PreprocessOptions, arg(name="")],
+) -> None:
+    """Bring raw multi-view video to a capture that trains: masks, hair, orientation, landmarks, tracked head.
+
+    Every step leaves a contact sheet, and the last one a page that shows everything, OUT/preprocess/report.html. What
+    is done and unchanged is skipped: after an interruption the same command goes on where it was.
+
+    Args:
+        raw: The recording's folder.
+        out: The capture's folder; new, empty, or begun before.
+        importing: Which frames, how large.
+        options: How masks, hair and head are found.
+    """
+    from dynhair.preprocess.pipeline import preprocess as run
+
+    run(raw, out, importing, options)
+
+
+@dataclass(frozen=True)
+class ListAssets:
+    """List the networks: name, use, size, licence, and whether they have been fetched."""
+
+
+@dataclass(frozen=True)
+class FetchAssets:
+    """Fetch networks into the cache, to work offline afterwards.
+
+    Attributes:
+        names: Of the networks; all by default.
+        file: Take the one that is named from this file in the place of downloading it.
+    """
+
+    names: Positional[tuple[str, ...]] = ()
+    file: Path | None = None
+
+
+@dataclass(frozen=True)
+class AssetPath:
+    """Print where a network's file is, fetching it first if need be.
+
+    Attributes:
+        name: Of the network.
+    """
+
+    name: Positional[str]
+
+
+def assets(
+    action: Annotated[
+        Annotated[ListAssets, subcommand("list")]
+        | Annotated[FetchAssets, subcommand("fetch")]
+        | Annotated[AssetPath, subcommand("path")],
+        arg(name=""),
+    ],
+) -> None:
+    """The networks that preprocessing runs, known by name and SHA-256.
+
+    Args:
+        action: What to do.
+    """
+    from dynhair.assets import fetch_assets, list_assets, print_path
+
+    match action:
+        case ListAssets():
+            list_assets()
+        case FetchAssets(names, file):
+            fetch_assets(names, file)
+        case AssetPath(name):
+            print_path(name)
 
 
 def check(capture: Positional[Path], sheet: Path | None = None) -> None:
@@ -116,7 +193,15 @@ def evaluate(avatar: Positional[Path], capture: Positional[Path], out: Path | No
     run_evaluation(folder, capture, out or folder.parent / "evaluation")
 
 
-VERBS = {"demo": demo, "check": check, "train": train, "render": render, "evaluate": evaluate}
+VERBS = {
+    "demo": demo,
+    "preprocess": preprocess,
+    "check": check,
+    "train": train,
+    "render": render,
+    "evaluate": evaluate,
+    "assets": assets,
+}
 
 
 def main() -> None:

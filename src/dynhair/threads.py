@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import torch
+from threadpoolctl import threadpool_limits
 
 _own: int | None = None
 
@@ -25,13 +26,14 @@ def thread_count() -> int:
 
 @contextlib.contextmanager
 def large_pieces() -> Iterator[None]:
-    """Hold PyTorch to one thread inside the block; :func:`run` goes on with as many as PyTorch had."""
+    """Hold PyTorch and NumPy's BLAS to one thread inside the block; :func:`run` uses as many as PyTorch had."""
     global _own  # noqa: PLW0603 (PyTorch's number of threads is global as well)
     before, _own = _own, thread_count()
     held = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        yield
+        with threadpool_limits(1, user_api="blas"):
+            yield
     finally:
         torch.set_num_threads(held)
         _own = before

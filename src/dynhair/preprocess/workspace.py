@@ -110,6 +110,10 @@ class Workspace:
         """Where a mask that came with the recording is kept, brought to the image's geometry."""
         return self.folder / "given" / kind / view.folder / f"{view.name}.png"
 
+    def landmarks_path(self, view: ViewId) -> Path:
+        """Where a view's landmarks are kept."""
+        return self.folder / "landmarks" / view.folder / f"{view.name}.npz"
+
     def plate_path(self, name: str) -> Path:
         """Where the picture of a camera's empty scene is kept, brought to the images' geometry."""
         return self.folder / "plates" / f"{name}.png"
@@ -133,9 +137,13 @@ class Workspace:
         with atomic_file(self.image_path(view)) as path:
             Image.fromarray(pixels).save(path, quality=95, subsampling="4:4:4")
 
-    def write_mask(self, view: ViewId, kind: str, coverage: UInt8[np.ndarray, "h w"]) -> None:
+    def mask_path(self, view: ViewId, kind: str, *, raw: bool = False) -> Path:
+        """Where a coverage map is stored; a raw one has its flicker still, and is no part of the capture."""
+        return self.folder / "raw" / kind / view.folder / f"{view.name}.png" if raw else self.image_path(view, kind)
+
+    def write_mask(self, view: ViewId, kind: str, coverage: UInt8[np.ndarray, "h w"], *, raw: bool = False) -> None:
         """Write a coverage map: ``mask`` or ``hair``."""
-        with atomic_file(self.image_path(view, kind)) as path:
+        with atomic_file(self.mask_path(view, kind, raw=raw)) as path:
             Image.fromarray(coverage).save(path)
 
     def write_orientation(

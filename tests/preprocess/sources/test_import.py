@@ -11,7 +11,8 @@ from tests.preprocess.sources import raw_scene
 from tests.preprocess.sources.raw_scene import CAMERAS, FPS, FRAMES, HEIGHT, WIDTH, write_video
 
 from dynhair.errors import DynhairError
-from dynhair.preprocess.sources import ImportOptions, import_recording, open_recording
+from dynhair.preprocess.options import ImportOptions
+from dynhair.preprocess.sources import import_recording, open_recording
 from dynhair.preprocess.sources.video import VideoFrames
 from dynhair.preprocess.workspace import ViewId, Workspace
 

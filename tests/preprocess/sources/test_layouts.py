@@ -10,7 +10,8 @@ from tests.preprocess.sources.raw_scene import CALIBRATIONS, CAMERAS, FPS, FRAME
 
 from dynhair.capture.arrays import read_npz
 from dynhair.errors import DynhairError
-from dynhair.preprocess.sources import ImportOptions, import_recording, open_recording
+from dynhair.preprocess.options import ImportOptions
+from dynhair.preprocess.sources import import_recording, open_recording
 from dynhair.preprocess.workspace import STATIC, ViewId, Workspace
 
 CODEC_TOLERANCE = 6  # grey levels; JPEG at quality 95 of smooth pictures

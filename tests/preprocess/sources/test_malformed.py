@@ -15,7 +15,8 @@ from tests.preprocess.sources import raw_scene
 from tests.preprocess.sources.raw_scene import FPS, FRAMES, opencv_matrix, write_png, write_video
 
 from dynhair.errors import DynhairError
-from dynhair.preprocess.sources import ImportOptions, import_recording, open_recording
+from dynhair.preprocess.options import ImportOptions
+from dynhair.preprocess.sources import import_recording, open_recording
 from dynhair.preprocess.workspace import Workspace
 
 Break = Callable[[Path], object]

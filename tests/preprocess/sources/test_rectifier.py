@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dynhair.errors import DynhairError
+from dynhair.preprocess.options import Crop, Size
 from dynhair.preprocess.sources.geometry import Rectifier
-from dynhair.preprocess.sources.options import Crop, Size
 from dynhair.preprocess.sources.recording import SourceCamera
 
 STORED = (320, 240)

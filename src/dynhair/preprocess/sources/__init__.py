@@ -2,16 +2,13 @@
 
 from dynhair.preprocess.sources.calibration import Calibration, read_calibration
 from dynhair.preprocess.sources.importing import import_recording
-from dynhair.preprocess.sources.layouts import LayoutName, open_recording
-from dynhair.preprocess.sources.options import ImportOptions
+from dynhair.preprocess.sources.layouts import open_recording
 from dynhair.preprocess.sources.plan import ImportPlan, plan_import
 from dynhair.preprocess.sources.recording import Recording, World
 
 __all__ = [
     "Calibration",
-    "ImportOptions",
     "ImportPlan",
-    "LayoutName",
     "Recording",
     "World",
     "import_recording",

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 
 from dynhair.errors import DynhairError
-from dynhair.preprocess.sources.options import Crop, Size
+from dynhair.preprocess.options import Crop, Size
 from dynhair.preprocess.sources.recording import SourceCamera
 
 _ASPECT_TOLERANCE = 0.01

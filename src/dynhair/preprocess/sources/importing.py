@@ -17,8 +17,8 @@ from PIL import Image
 from dynhair.capture.encoding import read_mask, read_rgb
 from dynhair.errors import DynhairError
 from dynhair.preprocess.jobs import is_fresh, record_settings
+from dynhair.preprocess.options import ImportOptions
 from dynhair.preprocess.sources.geometry import Rectifier
-from dynhair.preprocess.sources.options import ImportOptions
 from dynhair.preprocess.sources.pictures import PictureFrames
 from dynhair.preprocess.sources.plan import ImportPlan, plan_import
 from dynhair.preprocess.sources.recording import Channel, Recording, SourceCamera

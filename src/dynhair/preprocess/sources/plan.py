@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from dynhair.capture.manifest import Manifest, manifest_problems
 from dynhair.capture.records import Segment, Split
 from dynhair.errors import DynhairError
+from dynhair.preprocess.options import ImportOptions
 from dynhair.preprocess.sources.geometry import Rectifier
-from dynhair.preprocess.sources.options import ImportOptions
 from dynhair.preprocess.sources.recording import Channel, Recording, StaticRing, Take, World
 
 _COUNT_SLACK = 3

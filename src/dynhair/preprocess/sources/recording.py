@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 
 from dynhair.capture.records import Split
-from dynhair.preprocess.sources.options import Up
+from dynhair.preprocess.options import Up
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from typing import Any, get_args
 import numpy as np
 
 from dynhair.errors import DynhairError
+from dynhair.preprocess.options import Up
 from dynhair.preprocess.sources.calibration.table import Calibration
 from dynhair.preprocess.sources.matrices import (
     distortion,
@@ -20,7 +21,6 @@ from dynhair.preprocess.sources.matrices import (
     size,
     world_to_camera,
 )
-from dynhair.preprocess.sources.options import Up
 from dynhair.preprocess.sources.recording import SourceCamera, World
 from dynhair.storage import read_json
 

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Literal
 
 from dynhair.errors import DynhairError
+from dynhair.preprocess.options import LayoutName
 from dynhair.preprocess.sources.layouts import capture, hhavatar, images, nersemble1, nersemble2, vhap, videos
 from dynhair.preprocess.sources.recording import Recording
-
-LayoutName = Literal["nersemble2", "nersemble1", "hhavatar", "vhap", "capture", "videos", "images"]
 
 _Opener = Callable[[Path, "Path | None"], Recording]
 _LAYOUTS: dict[LayoutName, tuple[Callable[[Path], bool], _Opener]] = {
