@@ -97,11 +97,11 @@ def test_painted_examples_outweigh_the_parser():
     for person in PEOPLE[:4]:
         blue = person.image[..., 2] > person.image[..., 0]
         examples.append(PaintedView(person.image, person.mask, np.where(blue, 255, 0).astype(np.uint8)))
-    classifier = HairTeacher(ColourParser(sees_faces=False), steps=20).teach([], examples=examples)
+    classifier = HairTeacher(ColourParser(sees_faces=False), steps=40).teach([], examples=examples)
     unseen = draw_person(200)
     hair = classifier(unseen.image, unseen.mask) > 127
     blue = unseen.image[..., 2] > unseen.image[..., 0]
-    assert (hair & blue).sum() / (hair | blue).sum() > 0.7
+    assert (hair & blue).sum() / (hair | blue).sum() > 0.8
 
 
 def test_painted_examples_join_the_parsers_and_progress_is_told():
@@ -188,7 +188,7 @@ def test_pasted_patches_tell_their_coverage():
     middle = np.zeros((size, size), np.uint8)
     middle[190:210, 190:210] = 1
     views = [
-        LabelledView.of(
+        LabelledView(
             np.full((size, size, 3), colour, np.uint8), np.full((size, size), 255, np.uint8), middle * np.uint8(kind)
         )
         for colour, kind in ((HAIR, label.HAIR), (SKIN, label.SKIN), (CLOTHES, label.CLOTHES))

@@ -20,23 +20,19 @@ SIDE = 96
 """Of a patch, pixels."""
 PASTED = 0.5
 """Share of the patches that are pasted together."""
+PLACES = 4096
+"""Pixels of a kind and a view that patches are drawn around, at most."""
 _TILT, _ZOOM = 0.6, 0.35
 _STREAK_ACROSS, _STREAK_ALONG = (1.5, 24.0), (20.0, 80.0)
 
 
 @dataclass(frozen=True)
 class LabelledView:
-    """Colours in [-1, 1], zero outside the body, and the pixels' labels."""
+    """A view, its coverage by the body and its pixels' labels."""
 
-    colours: Float32[np.ndarray, "h w 3"]
+    image: UInt8[np.ndarray, "h w 3"]
+    mask: UInt8[np.ndarray, "h w"]
     labels: UInt8[np.ndarray, "h w"]
-
-    @classmethod
-    def of(
-        cls, image: UInt8[np.ndarray, "h w 3"], mask: UInt8[np.ndarray, "h w"], labels: UInt8[np.ndarray, "h w"]
-    ) -> LabelledView:
-        """A view with its background blanked."""
-        return cls(blank_background(image, mask), labels)
 
 
 class PatchSource:
@@ -50,10 +46,8 @@ class PatchSource:
     def __init__(self, views: list[LabelledView], rng: np.random.Generator) -> None:
         self._views, self._rng = views, rng
         kinds = sorted({int(kind) for view in views for kind in np.unique(view.labels)} - {UNKNOWN})
-        # flat indices: where each kind is seen, and in which view
         self._places = {
-            kind: [(view, found) for view in views if len(found := np.flatnonzero(view.labels == kind))]
-            for kind in kinds
+            kind: [(view, places) for view in views if len(places := self._some_places(view, kind))] for kind in kinds
         }
         self._others = [kind for kind in kinds if kind != HAIR]
 
@@ -73,6 +67,11 @@ class PatchSource:
         patches = [self._patch() for _ in range(count)]
         colours, coverage, known = (np.stack(part) for part in zip(*patches, strict=True))
         return colours, coverage, known
+
+    def _some_places(self, view: LabelledView, kind: int) -> np.ndarray:
+        """Flat indices of pixels of this kind: as many as there are, or enough."""
+        found = np.flatnonzero(view.labels == kind)
+        return self._rng.choice(found, PLACES, replace=False) if len(found) > PLACES else found
 
     def _patch(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         kinds = [HAIR, self._others[self._rng.integers(len(self._others))]]
@@ -100,9 +99,12 @@ class PatchSource:
         place = (SIDE - 1) / 2 + rng.uniform(-SIDE / 4, SIDE / 4, 2)
         to_view = np.column_stack([axes, (x, y) - axes @ place])
         size, inverse = (SIDE, SIDE), cv2.WARP_INVERSE_MAP
-        colours = cv2.warpAffine(view.colours, to_view, size, flags=cv2.INTER_LINEAR | inverse)
+        image, mask = (
+            cv2.warpAffine(pixels, to_view, size, flags=cv2.INTER_LINEAR | inverse)
+            for pixels in (view.image, view.mask)
+        )
         labels = cv2.warpAffine(view.labels, to_view, size, flags=cv2.INTER_NEAREST | inverse, borderValue=UNKNOWN)
-        return colours, labels
+        return blank_background(image, mask), labels
 
     def _relight(self, colours: np.ndarray) -> np.ndarray:
         """Another exposure, white balance and contrast; the blank background, at zero, moves along a little."""

@@ -69,7 +69,7 @@ class HairTeacher:
                 expected=f"{LEAST_VIEWS} or more views with the face seen from the front",
                 mend="paint the hair of a few views, or give hair masks made elsewhere",
             )
-        painted = [LabelledView.of(view.image, view.mask, painted_labels(view)) for view in examples]
+        painted = [LabelledView(view.image, view.mask, painted_labels(view)) for view in examples]
         rng = np.random.default_rng(self._seed)
         sources = [PatchSource(views, rng) for views in (taught, painted) if views]
         sources = [source for source in sources if source.teaches]
@@ -90,7 +90,7 @@ class HairTeacher:
             looked_at += 1
             labels = confident_labels(self._parser, view) if faces_camera(view) else None
             if labels is not None:
-                taught.append(LabelledView.of(view.image, view.mask, labels))
+                taught.append(LabelledView(view.image, view.mask, labels))
             if len(taught) == self._views:
                 break
         return taught, looked_at
