@@ -9,11 +9,6 @@ from importlib.resources import as_file, files
 import numpy as np
 from jaxtyping import Float, Int64
 
-from dynhair.face.model import FaceModel
-
-_LANDMARK_DEVIATION, _JAW_DEVIATION = 3e-3, 15e-3  # metres
-_JAW, _CHIN = 17, 8
-
 
 @dataclass(frozen=True)
 class Anchors:
@@ -60,22 +55,3 @@ def open_head_anchors() -> Anchors:
             barycentric=arrays["barycentric"].astype(np.float64),
             deviation=arrays["deviation"].astype(np.float64),
         )
-
-
-def landmark68_anchors(model: FaceModel) -> Anchors:
-    """Where the iBUG-68 landmarks lie on a face model: on its vertices, in iBUG's order.
-
-    Those of the jaw count for little: where along the face's outline they lie is a matter of convention.
-
-    Args:
-        model: any that knows its landmarks.
-    """
-    vertices, triangles = model.landmarks68.numpy(), model.faces.numpy()
-    flat = triangles.ravel()
-    order = np.argsort(flat, kind="stable")
-    corners = order[np.searchsorted(flat[order], vertices)]  # a corner of some triangle at each vertex
-    deviation = np.full(len(vertices), _LANDMARK_DEVIATION)
-    deviation[:_CHIN] = deviation[_CHIN + 1 : _JAW] = _JAW_DEVIATION
-    return Anchors(
-        points=np.arange(len(vertices)), faces=corners // 3, barycentric=np.eye(3)[corners % 3], deviation=deviation
-    )

@@ -25,6 +25,8 @@ from dynhair.preprocess.hair.patches import LabelledView, PatchSource
 LEAST_VIEWS = 4
 """Views that show the face, below which nothing is taught without painted examples."""
 BATCH = 8
+VIEW_COST = 12
+"""How many training steps take as long as finding the labels of a view."""
 
 
 class HairTeacher:
@@ -57,12 +59,14 @@ class HairTeacher:
             samples: spread over time and cameras, in the order in which they are to be tried; those that do not show
                 the face from the front are passed over.
             examples: views painted by hand; half of the training is then on them.
-            progress: called with the training steps taken and all of them.
+            progress: called with what is done and all there is to do, in units of a training step.
 
         Raises:
             DynhairError: too few views show the face, or no hair was found in them.
         """
-        taught, looked_at = self._label(samples)
+        labelling = self._views * VIEW_COST
+        total = labelling + self._steps
+        taught, looked_at = self._label(samples, lambda views: progress(views * VIEW_COST, total))
         if len(taught) < LEAST_VIEWS and not examples:
             raise DynhairError(
                 f"{len(taught)} of {looked_at} views show the face well enough to find the hair from it",
@@ -81,9 +85,10 @@ class HairTeacher:
             )
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self._seed)
-            return HairClassifier(_train(HairNetwork(), sources, self._steps, progress))
+            network = _train(HairNetwork(), sources, self._steps, lambda step: progress(labelling + step, total))
+            return HairClassifier(network)
 
-    def _label(self, samples: Iterable[TeachingView]) -> tuple[list[LabelledView], int]:
+    def _label(self, samples: Iterable[TeachingView], done: Callable[[int], None]) -> tuple[list[LabelledView], int]:
         taught: list[LabelledView] = []
         looked_at = 0
         for view in samples:
@@ -91,14 +96,13 @@ class HairTeacher:
             labels = confident_labels(self._parser, view) if faces_camera(view) else None
             if labels is not None:
                 taught.append(LabelledView(view.image, view.mask, labels))
+                done(len(taught))
             if len(taught) == self._views:
                 break
         return taught, looked_at
 
 
-def _train(
-    network: HairNetwork, sources: list[PatchSource], steps: int, progress: Callable[[int, int], None]
-) -> HairNetwork:
+def _train(network: HairNetwork, sources: list[PatchSource], steps: int, done: Callable[[int], None]) -> HairNetwork:
     rate = 5e-3
     optimizer = torch.optim.AdamW(network.parameters(), rate, weight_decay=1e-3)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, rate, total_steps=steps)
@@ -111,7 +115,7 @@ def _train(
         loss.backward()
         optimizer.step()
         schedule.step()
-        progress(step + 1, steps)
+        done(step + 1)
     return network.eval()
 
 

@@ -72,7 +72,8 @@ class TeachingStep(Step[None]):
                 for view, path in self._examples.items()
             ]
             teacher = HairTeacher(FaceParser(asset_path("bisenet-celebamask")))
-            teacher.teach(self._samples(), examples=examples).save(classifier_path(space))
+            classifier = teacher.teach(self._samples(), examples=examples, progress=self.advance)
+            classifier.save(classifier_path(space))
 
         return work
 

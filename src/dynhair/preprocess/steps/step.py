@@ -31,6 +31,8 @@ class Step(ABC, Generic[T]):
 
     def __init__(self, workspace: Workspace) -> None:
         self.workspace = workspace
+        self.advance: Callable[[int, int], None] = lambda done, total: None
+        """What a step of a single job calls with how much is done and how much there is."""
 
     @property
     def record(self) -> Path:
@@ -80,11 +82,13 @@ class Step(ABC, Generic[T]):
         if stale:
             before()
             stage = progress.stage(self.title, len(jobs), len(jobs) - len(stale))
+            self.advance = lambda done, total: stage.update(done, total=total)
             began = time.monotonic()
 
             def done(count: int) -> None:
-                rate = (time.monotonic() - began) / count
-                stage.update(len(jobs) - len(stale) + count, f"{1000 * rate:.0f} ms each")
+                if len(jobs) > 1:  # a single job tells by itself how far it is
+                    rate = (time.monotonic() - began) / count
+                    stage.update(len(jobs) - len(stale) + count, f"{1000 * rate:.0f} ms each")
 
             for_each([job.what for job in stale], self.worker, done)
         if stale or not self.sheet.exists():

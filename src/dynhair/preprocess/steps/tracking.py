@@ -14,11 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from dynhair.capture.arrays import read_npy, read_npz
 from dynhair.capture.records import Segment
-from dynhair.face import FaceModel
-from dynhair.face.anchors import Anchors, landmark68_anchors, open_head_anchors
+from dynhair.face import FaceModel, face_anchors
 from dynhair.pictures import Picture
 from dynhair.preprocess.jobs import Job
-from dynhair.preprocess.landmarks import BLENDSHAPE_NAMES, FaceLandmarks, load_landmarks, to_ibug68
+from dynhair.preprocess.landmarks import BLENDSHAPE_NAMES, FaceLandmarks, load_landmarks
 from dynhair.preprocess.options import PreprocessOptions
 from dynhair.preprocess.steps.step import Step
 from dynhair.preprocess.tracking import Observations, TrackingResult, track_head, tracking_warnings
@@ -67,7 +66,7 @@ class TrackingStep(Step[None]):
             segments = self.workspace.manifest.segments
             takes = [self._observations(segment) for segment in segments]
             masks = self._mask if self._options.silhouette else None
-            self._write(track_head(takes, self._model, self._anchors, masks=masks))
+            self._write(track_head(takes, self._model, face_anchors(self._model), masks=masks, progress=self.advance))
 
         return work
 
@@ -89,10 +88,6 @@ class TrackingStep(Step[None]):
     def note(self) -> str:
         return "The tracked mesh over the pictures, and the head's axes: x red, y green, z blue, 8 cm."
 
-    @property
-    def _anchors(self) -> Anchors:
-        return open_head_anchors() if self._model.name == "open" else landmark68_anchors(self._model)
-
     def _observations(self, segment: Segment) -> Observations:
         names = self.workspace.manifest.camera_names
         faces = [
@@ -100,7 +95,7 @@ class TrackingStep(Step[None]):
             for frame in segment.frames
         ]
         cameras = [[self.workspace.camera(ViewId(frame, name)) for name in names] for frame in segment.frames]
-        seen = [[self._seen(face) for face in row] for row in faces]
+        seen = [[_seen(face) for face in row] for row in faces]
         return Observations(
             points=np.array([[points for points, _ in row] for row in seen], np.float64),
             scores=np.array([[scores for _, scores in row] for row in seen], np.float64),
@@ -110,15 +105,6 @@ class TrackingStep(Step[None]):
             fps=self.workspace.manifest.fps,
             name=segment.name,
         )
-
-    def _seen(self, face: FaceLandmarks | None) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
-        if face is None:
-            points, scores = np.zeros((_POINTS, 2)), np.zeros(_POINTS)
-        else:
-            points, scores = face.points[:, :2], face.confidence
-        if self._model.name == "open":
-            return points, scores
-        return to_ibug68(points), to_ibug68(scores[:, None])[:, 0]
 
     def _hints(self, faces: Sequence[Sequence[FaceLandmarks | None]]) -> Float[np.ndarray, "f e"] | None:
         """What the network thinks of each facial action, views that see the face more openly counting for more."""
@@ -243,6 +229,12 @@ def drawn_head(
     for end, colour in zip(ends, _AXES, strict=True):
         cv2.line(result, origin, end, colour, max(1, image.shape[0] // 200), cv2.LINE_AA)
     return result
+
+
+def _seen(face: FaceLandmarks | None) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
+    if face is None:
+        return np.zeros((_POINTS, 2)), np.zeros(_POINTS)
+    return face.points[:, :2], face.confidence
 
 
 def _diagnostics(workspace: Workspace) -> Path:
