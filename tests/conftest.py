@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import hypothesis
+from threadpoolctl import threadpool_limits
 
 hypothesis.settings.register_profile("dynhair", deadline=None, derandomize=True, max_examples=25)
 hypothesis.settings.load_profile("dynhair")
+
+# BLAS's threads spin: on the small matrices here they cost minutes where other processes run.
+threadpool_limits(1, user_api="blas")

@@ -13,7 +13,7 @@ from onnx_files import write_convolution
 from dynhair.errors import DynhairError
 from dynhair.preprocess.matting import Matting, fast_matting, modnet_matting, quality_matting
 from dynhair.preprocess.matting.modnet import modnet_size
-from dynhair.preprocess.matting.networks import litert_network, onnx_network
+from dynhair.preprocess.matting.networks import fast_network, onnx_network
 
 THIRD = [1 / 3, 1 / 3, 1 / 3]
 
@@ -160,9 +160,8 @@ def test_quality_matting_finds_a_person() -> None:
 
 @pytest.mark.slow
 def test_networks_run_repeatedly() -> None:
-    from dynhair.assets import asset_path
 
-    predict = litert_network(asset_path("selfie-segmentation"))
+    predict = fast_network()
     first, second = np.zeros((256, 256, 3), np.float32), np.ones((256, 256, 3), np.float32)
     before = predict(first)
     predict(second)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import os
-import sys
-from collections.abc import Iterator
 from types import ModuleType
+
+from dynhair.quiet import silent_stderr
 
 
 @functools.cache
@@ -16,20 +14,6 @@ def warp() -> ModuleType:
     import warp as wp
 
     wp.config.log_level = wp.LOG_ERROR
-    with _silent_stderr():
+    with silent_stderr():  # it remarks that there is no CUDA driver
         wp.init()
     return wp
-
-
-@contextlib.contextmanager
-def _silent_stderr() -> Iterator[None]:
-    """Hide what native code writes to stderr: Warp remarks there, past its log level, that there is no CUDA driver."""
-    sys.stderr.flush()
-    saved = os.dup(2)
-    with open(os.devnull, "wb") as null:
-        os.dup2(null.fileno(), 2)
-    try:
-        yield
-    finally:
-        os.dup2(saved, 2)
-        os.close(saved)

@@ -13,6 +13,7 @@ from jaxtyping import Float, Int64
 
 from dynhair.errors import DynhairError
 from dynhair.preprocess.landmarks.detector import BOXES, Detector
+from dynhair.preprocess.litert import litert_network
 
 CROP_SIZE = 256
 POINTS = 478
@@ -92,7 +93,7 @@ class FaceNetworks:
                 expected="MediaPipe's face_landmarker.task, with blendshapes",
                 mend="delete the file, and it is fetched again",
             ) from None
-        find_boxes, find_points, find_blendshapes = map(_network, (boxes, points, blendshapes))
+        find_boxes, find_points, find_blendshapes = map(litert_network, (boxes, points, blendshapes))
 
         def detect(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             regressors, logits, *_ = find_boxes(image[None])
@@ -106,22 +107,6 @@ class FaceNetworks:
             return find_blendshapes(chosen[None])[0].reshape(-1)
 
         return cls(detect, locate, judge, FaceMesh.parse(mesh))
-
-
-def _network(content: bytes) -> Callable[[np.ndarray], list[np.ndarray]]:
-    from ai_edge_litert.interpreter import Interpreter
-
-    interpreter = Interpreter(model_content=content, num_threads=1)
-    interpreter.allocate_tensors()
-    (source,) = interpreter.get_input_details()
-    results = interpreter.get_output_details()
-
-    def run(values: np.ndarray) -> list[np.ndarray]:
-        interpreter.set_tensor(source["index"], values.astype(np.float32))
-        interpreter.invoke()
-        return [interpreter.get_tensor(result["index"]) for result in results]
-
-    return run
 
 
 def _fields(message: bytes) -> Iterator[tuple[int, bytes | float | int]]:

@@ -10,6 +10,7 @@ from jaxtyping import UInt8
 
 from dynhair.assets import asset_path
 from dynhair.errors import DynhairError
+from dynhair.preprocess.litert import litert_network
 from dynhair.preprocess.matting.frames import Predict, letterboxed, stretched
 
 Matting = Callable[[UInt8[np.ndarray, "h w 3"]], UInt8[np.ndarray, "h w"]]
@@ -27,8 +28,14 @@ def fast_matting(predict: Predict | None = None) -> Matting:
     Raises:
         DynhairError: the network is not there and cannot be fetched; so for all networks here.
     """
-    run = predict or litert_network(asset_path("selfie-segmentation"))
+    run = predict or fast_network()
     return lambda image: letterboxed(run, image, FAST_SIZE)
+
+
+def fast_network() -> Predict:
+    """MediaPipe's selfie segmentation."""
+    run = litert_network(asset_path("selfie-segmentation").read_bytes())
+    return lambda image: run(image[None])[0][0, ..., 0]
 
 
 def quality_matting(predict: Predict | None = None) -> Matting:
@@ -41,22 +48,6 @@ def quality_matting(predict: Predict | None = None) -> Matting:
     """
     run = predict or onnx_network(asset_path("isnet"))[0]
     return lambda image: stretched(run, image, (QUALITY_SIZE, QUALITY_SIZE), 128.0, 256.0)
-
-
-def litert_network(path: Path) -> Predict:
-    """Load a TFLite network of one image and one matte, to run on one thread."""
-    from ai_edge_litert.interpreter import Interpreter
-
-    interpreter = Interpreter(model_content=path.read_bytes(), num_threads=1)
-    interpreter.allocate_tensors()
-    (source,), (result,) = interpreter.get_input_details(), interpreter.get_output_details()
-
-    def predict(image: np.ndarray) -> np.ndarray:
-        interpreter.set_tensor(source["index"], image[None])
-        interpreter.invoke()
-        return interpreter.get_tensor(result["index"])[0, ..., 0]
-
-    return predict
 
 
 def onnx_network(path: Path) -> tuple[Predict, tuple[int, int] | None]:
