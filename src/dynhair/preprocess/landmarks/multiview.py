@@ -18,6 +18,7 @@ _SINGULAR = 1e-12  # determinant of the normal equations over the cube of their 
 _MIN_SHARED = 30  # points that two views must both see to be compared
 _SEEN = 0.3  # visibility from which a point counts as seen
 _TOLERANCE = 0.03  # median distance of a view's points from the projected ones, over the side of the face's square
+_SAME_FACE = 0.25  # likewise: faces that are none are a whole face off; cameras out of time or calibration, less
 
 
 def triangulate(
@@ -99,6 +100,11 @@ class FaceInSpace:
         """Whether a view saw the face here."""
         distance = self.disagreement(face, camera)
         return distance is not None and distance < _TOLERANCE
+
+    def is_near(self, face: FaceLandmarks, camera: Camera) -> bool:
+        """Whether a view saw this face, though not quite here: its clock or its calibration may be wrong."""
+        distance = self.disagreement(face, camera)
+        return distance is not None and distance < _SAME_FACE
 
     def square(self, camera: Camera) -> FaceSquare | None:
         """Where a view should look for the face; None if it is behind the camera."""

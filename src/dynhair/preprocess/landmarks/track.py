@@ -35,8 +35,9 @@ def track_landmarks(
 class FaceTrack:
     """Follows one face through the consecutive frames of calibrated, synchronised cameras.
 
-    Views check one another: those that contradict the others are dropped, and where the face was not found, or wrongly,
-    it is looked for once more where the other views say it is.
+    Views check one another: where the face was not found, or not where the others saw it, it is looked for once more
+    where they say it is. What still contradicts them is dropped, but not if it is near: the same face seen by a camera
+    whose clock or calibration is wrong, for tracking to find out.
 
     Args:
         landmarker: finds the face in each view.
@@ -70,17 +71,21 @@ class FaceTrack:
         images: Sequence[UInt8[np.ndarray, "h w 3"]],
         cameras: Sequence[Camera],
     ) -> list[FaceLandmarks | None]:
-        """The views that agree, and those that come to agree when they look where the others say."""
+        """The views that agree, those that come to agree when they look where the others say, and those that are near.
+
+        Where no two agree, near is near to what all saw together.
+        """
         believed = consistent_views(faces, cameras)
         kept = [face if good else None for face, good in zip(faces, believed, strict=True)]
-        agreed = [(face, camera) for face, camera in zip(kept, cameras, strict=True) if face is not None]
+        telling = kept if sum(face is not None for face in kept) >= 2 else faces
+        agreed = [(face, camera) for face, camera in zip(telling, cameras, strict=True) if face is not None]
         if len(agreed) < 2:
             return kept
         found, views = zip(*agreed, strict=True)
         space = FaceInSpace.triangulate(found, views)
         return [
-            face or self._recovered(space, image, camera)
-            for face, image, camera in zip(kept, images, cameras, strict=True)
+            face or self._recovered(space, image, camera) or (seen if seen and space.is_near(seen, camera) else None)
+            for face, seen, image, camera in zip(kept, faces, images, cameras, strict=True)
         ]
 
     def _recovered(self, space: FaceInSpace, image: UInt8[np.ndarray, "h w 3"], camera: Camera) -> FaceLandmarks | None:

@@ -13,6 +13,7 @@ from dynhair.preprocess.tracking.reprojection import Reprojection, project
 from dynhair.preprocess.tracking.take_track import TakeTrack
 
 _BLOCK_SECONDS = 0.5  # errors of a detector hardly change within; estimates count such blocks as one observation
+_ANOTHER_FACE = 0.3  # of the face's side: landmarks farther off are of something else
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,8 @@ def diagnose(
 
     A camera whose clock is off sees every point where it will be a little later: residuals grow with the projected
     velocity, and the slope is the time. The track follows all cameras, so that offsets are counted from the median one.
+    Landmarks count by their scores and not by how far they are believed: belief goes to the frames in which a wrong
+    camera happens to agree.
 
     Args:
         tracks: of each take.
@@ -92,8 +95,9 @@ def _blocks(track: TakeTrack, data: Reprojection, points: Float[ndarray, "f n 3"
     ahead, behind = np.concatenate([points[1:], points[-1:]]), np.concatenate([points[:1], points[:-1]])
     velocity = (project(ahead, data.w2c, data.K)[0] - project(behind, data.w2c, data.K)[0]) / 2
     velocity[[0, -1]] = 0
-    weights = track.belief * (~track.lost)[:, None, None]
     per_size = np.maximum(track.face_sizes, 1e-9)
+    near = np.linalg.norm(track.residuals, axis=-1) < _ANOTHER_FACE * per_size[..., None]
+    weights = data.scores * near * (~track.lost)[:, None, None]
     weighted = weights[..., None] * track.residuals
     total = weights.sum(2)
     sums = np.stack(

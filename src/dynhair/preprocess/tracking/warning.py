@@ -53,7 +53,8 @@ def tracking_warnings(result: TrackingResult, camera_names: Sequence[str] | None
         offset, error = camera.time_offset, camera.time_offset_error
         if abs(offset) > max(_LARGEST_TIME_OFFSET, _SIGNIFICANT * error):
             late = "late" if offset > 0 else "early"
-            text = f"camera {name} is {abs(offset):.1f} frames {late} (standard error {error:.1f})"
+            shown = f"its frame 100 shows what frame {100 + offset:.1f} of the others does"
+            text = f"camera {name} is {abs(offset):.1f} frames {late} (standard error {error:.1f}): {shown}"
             warnings.append(TrackingWarning("synchronisation", view, None, None, text))
         size = float(np.linalg.norm(camera.shift))
         # A wrong camera pushes the others off as well, but less.
