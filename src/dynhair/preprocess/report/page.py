@@ -49,9 +49,10 @@ def write_report(workspace: Workspace, steps: Sequence[Step], findings: Sequence
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
     template = environment.from_string((files("dynhair.preprocess.report") / "page.html.jinja").read_text("utf-8"))
     width, height = manifest.image_size
+    cameras = len(manifest.camera_names)
     facts = [
-        f"{sum(segment.count for segment in manifest.segments)} frames of {len(manifest.camera_names)} cameras",
-        f"{manifest.fps:g} fps",
+        f"{sum(segment.count for segment in manifest.segments)} frames of {cameras} camera{'s' if cameras > 1 else ''}",
+        f"{manifest.fps:.4g} fps",
         f"{width} x {height} pixels",
     ]
     if workspace.static_names:
