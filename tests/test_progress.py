@@ -27,3 +27,13 @@ def test_a_resumed_stage_goes_on_counting() -> None:
         for step in range(7, 11):
             stage.update(step)
     assert [line.split(",")[0] for line in out.getvalue().splitlines()] == ["training: 10 of 10"]
+
+
+def test_uneven_steps_are_told_as_often() -> None:
+    out = io.StringIO()
+    with StageProgress(Console(file=out), lines=5).shown() as progress:
+        stage = progress.stage("learning", 97)
+        for step in range(12, 97, 12):
+            stage.update(step)
+        stage.update(97)
+    assert len(out.getvalue().splitlines()) == 5

@@ -60,13 +60,16 @@ class Stage:
         self._bars, self._task, self._console = bars, task, console
         self._name, self._lines, self._total = name, lines, total
         self._first, self._began = int(bars.tasks[task].completed), time.monotonic()
+        self._part = self._first * lines // max(total, 1)
 
     def update(self, done: int, note: str = "", total: int | None = None) -> None:
         """Say how many steps are done, with a short note; ``total`` corrects their number."""
         self._total = total or self._total
         self._bars.update(self._task, completed=done, total=self._total, note=note)
-        if self._console.is_terminal or (done % max(self._total // self._lines, 1) and done != self._total):
+        part = done * self._lines // max(self._total, 1)
+        if self._console.is_terminal or (part == self._part and done != self._total):
             return
+        self._part = part
         elapsed = time.monotonic() - self._began
         left = elapsed / max(done - self._first, 1) * (self._total - done)
         self._console.print(
