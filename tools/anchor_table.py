@@ -1,8 +1,9 @@
 """Find where MediaPipe's 478 face points lie on the open head, by showing pictures of the open head to the network.
 
 Painted heads of many identities are drawn from many sides. Rays through the points found in each picture meet the
-surface at places that are carried to the average head, where their centre is the anchor. Both halves of the face are
-taken together, so that anchors mirror each other. The table is then tried on heads that it was not made from: their
+surface at places that are carried to the average head, where their centre is the anchor. How these places move with the
+side that the picture was taken from is the anchor's drift. Both halves of the face are taken together, so that anchors
+mirror each other. The table is then tried on heads that it was not made from: their
 pose is solved from the points found, and compared with the true one.
 
     python -m tools.anchor_table src/dynhair/face/open_head_anchors.npz
@@ -33,12 +34,13 @@ from dynhair.storage import atomic_file
 
 _SIZE = 384
 _FACE = np.array([0.0, 0.02, 0.06])  # the middle of the face, metres from the head joint
-_VIEW_ANGLES = np.array([35.0, 20.0, 10.0])  # largest yaw, pitch and roll, degrees
+_VIEW_ANGLES = np.array([38.0, 24.0, 10.0])  # largest yaw, pitch and roll, degrees
 _DISTANCES = 0.6, 2.0
 _FACE_PIXELS = 180, 300  # that 20 cm take
 _FACING = 0.35  # least cosine between the line of sight and the normal where a ray counts
 _MIN_SHARE = 0.25  # of the pictures that must show a point
 _MAX_DEVIATION = 0.005
+_DRIFT_DEVIATION = 0.01  # metres from the front to the side
 _LEAST_DEVIATION = 0.002  # points of one picture stray together, so none counts as better than this
 _RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))  # median distance of a two-dimensional normal distribution
 
@@ -81,6 +83,7 @@ def anchor_table(out: Positional[Path], heads: int = 60, held_out: int = 20, vie
             faces=anchors.faces.astype(np.int16),
             barycentric=anchors.barycentric.astype(np.float32),
             deviation=anchors.deviation.astype(np.float32),
+            drift=anchors.drift.astype(np.float32),
         )
     print(f"{len(anchors.points)} anchors, median deviation {1e3 * np.median(anchors.deviation):.1f} mm")
     report_poses(model, anchors, list(draw_pictures(model, landmarker, held_out, views, generator)))
@@ -116,19 +119,28 @@ def find_anchors(model: FaceModel, partners: np.ndarray, pictures: list[Picture]
     triangles, mean = model.faces.numpy(), model.mean.double().numpy()
     places = np.array([_places(picture, triangles, mean) for picture in pictures])  # (pictures, 478, 3)
     both = np.concatenate([places, places[:, partners] * [-1, 1, 1]])
+    sights = np.array([sight(picture.camera)[:2] for picture in pictures])
+    both_sights = np.concatenate([sights, sights * [-1, 1]])
     surface = _Surface(mean, triangles)
     rows = []
     for point in range(both.shape[1]):
-        seen = both[~np.isnan(both[:, point, 0]), point]
-        if len(seen) < _MIN_SHARE * len(both):
+        valid = ~np.isnan(both[:, point, 0])
+        if valid.sum() < _MIN_SHARE * len(both):
             continue
-        face, barycentric = surface.closest(_geometric_median(seen))
-        place = barycentric @ mean[triangles[face]]
+        seen = both[valid, point]
+        centre, drift = _drifting_median(seen, both_sights[valid])
+        face, barycentric = surface.closest(centre)
+        place = barycentric @ mean[triangles[face]] + both_sights[valid] @ drift.T
         deviation = float(np.median(np.linalg.norm(seen - place, axis=1)) / _RAYLEIGH_MEDIAN)
         if deviation < _MAX_DEVIATION:
-            rows.append((point, face, barycentric, deviation))
-    points, faces, barycentrics, deviations = zip(*rows, strict=True)
-    return Anchors(np.array(points), np.array(faces), np.array(barycentrics), np.array(deviations))
+            rows.append((point, face, barycentric, deviation, drift))
+    return Anchors(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def sight(camera: Camera) -> np.ndarray:
+    """The direction from the middle of a face that is not turned to the camera."""
+    towards = camera.centre.double().numpy() - _FACE
+    return towards / np.linalg.norm(towards)
 
 
 def mirrored_points(mesh: FaceMesh) -> np.ndarray:
@@ -144,7 +156,7 @@ def report_poses(model: FaceModel, anchors: Anchors, pictures: list[Picture]) ->
     triangles = model.faces.numpy()
     errors = []
     for picture in pictures:
-        shape = anchors.positions(picture.vertices, triangles)
+        shape = anchors.positions(picture.vertices, triangles) + anchors.displacements(sight(picture.camera))
         errors.append(pose_error(shape, anchors, picture.found, picture.camera))
     turns, shifts = np.array(errors).swapaxes(0, 1)
     names = ("pitch", "yaw", "roll"), ("left", "up", "forward")
@@ -195,13 +207,24 @@ def _places(picture: Picture, triangles: np.ndarray, mean: np.ndarray) -> np.nda
     return places
 
 
-def _geometric_median(points: np.ndarray) -> np.ndarray:
-    """The point whose distances to the others have the least sum (Weiszfeld's iteration)."""
-    centre = np.median(points, axis=0)
+def _drifting_median(points: np.ndarray, sights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The point seen from the front, and how it moves with the sight: least sum of distances (Weiszfeld's iteration).
+
+    Args:
+        points: (n, 3) metres.
+        sights: (n, 2) x and y of the directions towards the camera.
+
+    Returns:
+        The point (3,), and its drift (3, 2), held back where few directions tell it.
+    """
+    columns = np.c_[np.ones(len(points)), sights]
+    ridge = np.diag([0.0, 1.0, 1.0]) * (_LEAST_DEVIATION / _DRIFT_DEVIATION) ** 2
+    answer = np.vstack([np.median(points, axis=0), np.zeros((2, 3))])
     for _ in range(50):
-        weights = 1 / np.maximum(np.linalg.norm(points - centre, axis=1), 1e-6)
-        centre = weights @ points / weights.sum()
-    return centre
+        weights = _LEAST_DEVIATION / np.maximum(np.linalg.norm(points - columns @ answer, axis=1), 1e-6)
+        weighted = columns * weights[:, None]
+        answer = np.linalg.solve(weighted.T @ columns + ridge, weighted.T @ points)
+    return answer[0], answer[1:].T
 
 
 class _Surface:

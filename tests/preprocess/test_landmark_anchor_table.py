@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from scipy.optimize import minimize
-from tools.anchor_table import Picture, _closest_in_triangle, _geometric_median, find_anchors, pose_error
+from tools.anchor_table import Picture, _closest_in_triangle, _drifting_median, find_anchors, pose_error
 from tools.head_renders import HeadPainter, Look, look_at
 from tools.ray_cast import RayCaster
 
@@ -94,10 +94,34 @@ def test_closest_point_of_a_triangle():
         assert objective(weights) <= best.fun + 1e-6
 
 
-def test_geometric_median_ignores_a_few_strays():
+def test_place_and_drift_are_told_from_each_other_and_from_strays():
     generator = np.random.default_rng(0)
-    points = np.concatenate([generator.normal(scale=0.01, size=(40, 3)), np.full((8, 3), 5.0)])
-    assert np.linalg.norm(_geometric_median(points)) < 0.01
+    sights = generator.uniform(-0.6, 0.6, size=(60, 2))
+    place, drift = np.array([0.01, -0.02, 0.05]), generator.normal(scale=0.01, size=(3, 2))
+    points = place + sights @ drift.T + generator.normal(scale=5e-4, size=(60, 3))
+    points[::9] += 0.3
+    found_place, found_drift = _drifting_median(points, sights)
+    assert np.abs(found_place - place).max() < 5e-4
+    assert np.abs(found_drift - drift).max() < 1e-3
+
+
+def test_a_point_that_drifts_is_believed_where_it_is_seen_from():
+    anchors = open_head_anchors()
+    assert np.isfinite(anchors.drift).all()
+    assert np.abs(anchors.drift).max() < 0.03
+    front, side = anchors.displacements(np.array([[0.0, 0.0, 1.0], [0.5, 0.0, 0.87]]))
+    assert not front.any()
+    np.testing.assert_allclose(side, 0.5 * anchors.drift[..., 0])
+    beyond = anchors.displacements(np.array([1.0, 0.0, 0.0]))
+    assert np.abs(beyond).max() < np.abs(anchors.drift[..., 0]).max(), "it was not measured from the very side"
+
+
+@pytest.mark.parametrize(("right", "left"), [(33, 263), (61, 291), (98, 327)])
+def test_drifts_mirror_each_other(right: int, left: int):
+    anchors = open_head_anchors()
+    rows = dict(zip(anchors.points.tolist(), anchors.drift, strict=True))
+    mirrored = rows[left] * np.array([[-1, 1, 1]]).T * [-1, 1]
+    np.testing.assert_allclose(rows[right], mirrored, atol=1e-3)
 
 
 def test_points_that_are_where_the_network_sees_them_are_found_again():

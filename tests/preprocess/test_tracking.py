@@ -21,6 +21,7 @@ from tracked_heads import (
 from dynhair.errors import DynhairError
 from dynhair.face import open_head
 from dynhair.preprocess.tracking import Observations, TrackingOptions, TrackingResult, track_head
+from dynhair.preprocess.tracking.anchored_head import AnchoredHead
 
 MODEL = open_head()
 ANCHORS = landmark_anchors(MODEL)
@@ -37,6 +38,31 @@ def test_the_motion_of_a_common_head() -> None:
     assert rotation_errors(result, truth.motion).mean() < 0.25
     assert position_errors(result, truth.motion).mean() < 1
     assert not result.takes[0].lost.any()
+
+
+def test_a_detector_that_draws_turned_faces_to_the_camera_misleads_only_those_who_do_not_know() -> None:
+    truth = scene(24, unlike=0.0)
+    take, head = truth.observed, AnchoredHead.of(MODEL, ANCHORS)
+    # each point goes where a head turned a tenth less would have it: x + 0.1 (sight_y, -sight_x, 0) x (x - centre)
+    arms = head.mean - head.mean.mean(0)
+    drift = 0.1 * np.stack([np.cross([0, 1, 0], arms), np.cross([-1, 0, 0], arms)], -1)
+    biased = replace(ANCHORS, drift=drift)
+    world = truth.motion.to_world(head.points(truth.person, truth.motion.expressions))
+    seen = np.empty_like(take.points)
+    for frame in range(take.frame_count):
+        rotation = truth.motion.rotations[frame]
+        for view in range(take.points.shape[1]):
+            w2c, K = take.w2c[frame, view], take.K[frame, view]
+            sight = (-w2c[:, :3].T @ w2c[:, 3] - world[frame].mean(0)) @ rotation
+            sight /= np.linalg.norm(sight)
+            moved = world[frame] + biased.displacements(sight) @ rotation.T
+            pixels = (moved @ w2c[:, :3].T + w2c[:, 3]) @ K.T
+            seen[frame, view] = pixels[:, :2] / pixels[:, 2:]
+    observed = replace(take, points=seen, expression_hints=truth.motion.expressions)
+    knowing = track_head([observed], MODEL, biased)
+    ignorant = track_head([observed], MODEL, ANCHORS)
+    assert rotation_errors(knowing, truth.motion).mean() < 0.25
+    assert rotation_errors(ignorant, truth.motion).mean() > 4 * rotation_errors(knowing, truth.motion).mean()
 
 
 @pytest.mark.slow

@@ -34,7 +34,7 @@ def landmark_anchors(model: FaceModel, deviation: float = 1e-3) -> Anchors:
     triangles = model.faces.numpy()
     faces = np.array([np.flatnonzero((triangles == v).any(1))[0] for v in model.landmarks68.numpy()])
     barycentric = (triangles[faces] == model.landmarks68.numpy()[:, None]).astype(np.float64)
-    return Anchors(np.arange(68), faces, barycentric, np.full(68, deviation))
+    return Anchors(np.arange(68), faces, barycentric, np.full(68, deviation), np.zeros((68, 3, 2)))
 
 
 def smooth_motion(frames: int, modes: int, *, angle: float = 0.5, hertz: float = 0.8) -> HeadMotion:

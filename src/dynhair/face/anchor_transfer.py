@@ -31,7 +31,7 @@ def face_anchors(model: FaceModel) -> Anchors:
     faces, barycentric = _nearest(
         table.positions(registered, triangles), _normals(registered[triangles[table.faces]]), vertices, own
     )
-    return Anchors(table.points, faces, barycentric, np.hypot(table.deviation, _TRANSFER_ERROR))
+    return Anchors(table.points, faces, barycentric, np.hypot(table.deviation, _TRANSFER_ERROR), table.drift)
 
 
 def _nearest(

@@ -9,6 +9,8 @@ from importlib.resources import as_file, files
 import numpy as np
 from jaxtyping import Float, Int64
 
+_WIDEST_SIGHT = np.array([0.6, 0.4])  # x and y to which the drift was measured
+
 
 @dataclass(frozen=True)
 class Anchors:
@@ -18,13 +20,16 @@ class Anchors:
         points: indices of the detector's points, ascending.
         faces: indices of the model's triangles.
         barycentric: weights of the triangles' corners; their sum is 1.
-        deviation: how far the detector strays along the surface from the place, standard deviation in metres.
+        deviation: how far the detector strays from the place, standard deviation in metres.
+        drift: metres by which the detector puts a point elsewhere on the head for each unit of x and y of the direction
+            from the face to the camera, in the head's frame. A detector draws turned faces towards the camera.
     """
 
     points: Int64[np.ndarray, " n"]
     faces: Int64[np.ndarray, " n"]
     barycentric: Float[np.ndarray, "n 3"]
     deviation: Float[np.ndarray, " n"]
+    drift: Float[np.ndarray, "n 3 2"]
 
     def positions(
         self, vertices: Float[np.ndarray, "v 3"], triangles: Int64[np.ndarray, "f 3"]
@@ -36,6 +41,25 @@ class Anchors:
             triangles: the model's, as vertex indices.
         """
         return np.einsum("nc,ncd->nd", self.barycentric, vertices[triangles[self.faces]])
+
+    def displacements(self, sight: Float[np.ndarray, "*v 3"]) -> Float[np.ndarray, "*v n 3"]:
+        """How far from its anchor the detector puts each point, metres in the head's frame.
+
+        Args:
+            sight: unit directions from the face to the camera, in the head's frame.
+        """
+        sideways = np.clip(sight[..., :2], -_WIDEST_SIGHT, _WIDEST_SIGHT)
+        return np.einsum("ndk,...k->...nd", self.drift, sideways)
+
+    def at(self, chosen: Int64[np.ndarray, " m"]) -> Anchors:
+        """Some of the anchors."""
+        return Anchors(
+            self.points[chosen],
+            self.faces[chosen],
+            self.barycentric[chosen],
+            self.deviation[chosen],
+            self.drift[chosen],
+        )
 
 
 @cache
@@ -54,4 +78,5 @@ def open_head_anchors() -> Anchors:
             faces=arrays["faces"].astype(np.int64),
             barycentric=arrays["barycentric"].astype(np.float64),
             deviation=arrays["deviation"].astype(np.float64),
+            drift=arrays["drift"].astype(np.float64),
         )

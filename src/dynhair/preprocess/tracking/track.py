@@ -20,7 +20,7 @@ from dynhair.preprocess.tracking.head_motion import HeadMotion
 from dynhair.preprocess.tracking.noise import NoiseLevels, PoseMeasurements, estimate_noise, posterior_noise
 from dynhair.preprocess.tracking.observations import Observations
 from dynhair.preprocess.tracking.person_fit import PersonProblem, offset_precision
-from dynhair.preprocess.tracking.reprojection import Reprojection
+from dynhair.preprocess.tracking.reprojection import Reprojection, project
 from dynhair.preprocess.tracking.result import TrackingResult, facing_yaw
 from dynhair.preprocess.tracking.silhouette import Silhouettes, skin_vertices
 from dynhair.preprocess.tracking.smoother import SmoothingProblem
@@ -78,7 +78,8 @@ def track_head(
 
     First guesses come from each view alone, then from what views agree on. Then size, identity and the landmarks'
     offsets are fitted to frames from all takes, each with its own pose and expression. With these, each take's motion
-    is smoothed as a whole, forwards and backwards in time alike, so that it has no lag; how much, landmarks tell.
+    is smoothed as a whole, forwards and backwards in time alike, so that it has no lag; how much, landmarks tell. As
+    poses become known, the detector's drift with the side that it sees the face from is taken out of the landmarks.
 
     Args:
         takes: landmarks of each take.
@@ -98,6 +99,7 @@ def track_head(
     head = AnchoredHead.of(model, anchors)
     person, motions, faces = _first_guess(takes, head, model)
     data = [_reprojection(take, sizes, options) for take, sizes in zip(takes, faces, strict=True)]
+    data = _without_drift(data, takes, anchors, head, person, motions)
     priors = [_expression_prior(take, model, options) for take in takes]
     progress(1, steps)
     person, noise_factors = _fit_person(person, head, motions, data, priors, anchors, options)
@@ -117,12 +119,18 @@ def track_head(
             progress(3 + round_ * len(takes) + index, steps)
         return list(map(_measurements, problems, motions))
 
+    def follow_drift() -> None:
+        found = _without_drift([p.data for p in problems], takes, anchors, head, person, motions)
+        problems[:] = [replace(problem, data=d) for problem, d in zip(problems, found, strict=True)]
+
     for round_ in range(_ROUNDS - 1):
+        follow_drift()
         levels = [_with_given(level, options) for level in estimate_noise(smooth(round_), levels[0])]
         problems = [
             replace(problem, smoothness=_smoothness(level, take, options))
             for problem, level, take in zip(problems, levels, takes, strict=True)
         ]
+    follow_drift()
     if masks is not None:
         problems = [_within_masks(p, model, masks, index, faces[index]) for index, p in enumerate(problems)]
     measured = smooth(_ROUNDS - 1)
@@ -134,7 +142,9 @@ def track_head(
         body_rotation=facing_yaw(np.concatenate([motion.rotations for motion in motions])),
         noise=tuple(levels),
         rotation_noise=split_noise(problems, motions) or posterior_noise(measured, levels),
-        diagnostics=diagnose(tracks, data, [p.points(m) for p, m in zip(problems, motions, strict=True)]),
+        diagnostics=diagnose(
+            tracks, [p.data for p in problems], [p.points(m) for p, m in zip(problems, motions, strict=True)]
+        ),
     )
 
 
@@ -148,8 +158,7 @@ def _spread(model: FaceModel, anchors: Anchors, count: int) -> Anchors:
     while len(chosen) < count:
         distance = np.minimum(distance, np.linalg.norm(places - places[chosen[-1]], axis=1))
         chosen.append(int(distance.argmax()))
-    kept = np.sort(chosen)
-    return Anchors(anchors.points[kept], anchors.faces[kept], anchors.barycentric[kept], anchors.deviation[kept])
+    return anchors.at(np.sort(chosen))
 
 
 def _with_anchors_only(take: Observations, anchors: Anchors) -> Observations:
@@ -200,6 +209,31 @@ def _reprojection(take: Observations, sizes: Float[ndarray, "f v"], options: Tra
         w2c=take.w2c,
         K=take.K,
     )
+
+
+def _without_drift(
+    data: Sequence[Reprojection],
+    takes: Sequence[Observations],
+    anchors: Anchors,
+    head: AnchoredHead,
+    person: Person,
+    motions: Sequence[HeadMotion],
+) -> list[Reprojection]:
+    """The landmarks as they would be if the detector put them on their anchors from wherever a camera looks."""
+    cleaned = []
+    for part, take, motion in zip(data, takes, motions, strict=True):
+        points = motion.to_world(head.points(person, motion.expressions))
+        cameras = -np.einsum("fvji,fvj->fvi", take.w2c[..., :3], take.w2c[..., 3])
+        towards = cameras - points.mean(1)[:, None]
+        sight = (towards / np.linalg.norm(towards, axis=-1, keepdims=True)) @ motion.rotations
+        moved = person.scale * anchors.displacements(sight) @ motion.rotations.swapaxes(-1, -2)[:, None]
+        drifted = [
+            project(points + moved[:, view], take.w2c[:, [view]], take.K[:, [view]])[0]
+            for view in range(sight.shape[1])
+        ]
+        shifts = np.concatenate(drifted, 1) - project(points, take.w2c, take.K)[0]
+        cleaned.append(replace(part, landmarks=take.points - shifts))
+    return cleaned
 
 
 def _expression_prior(take: Observations, model: FaceModel, options: TrackingOptions) -> ExpressionPrior:
