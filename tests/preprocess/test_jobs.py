@@ -75,3 +75,9 @@ def test_an_error_stops_the_rest(tmp_path: Path) -> None:
 
 def test_nothing_to_do() -> None:
     for_each([], lambda: lambda item: None, lambda count: pytest.fail("nothing is done"))
+
+
+def test_a_single_job_is_done_in_the_calling_thread() -> None:
+    threads = []
+    for_each([1], lambda: lambda item: threads.append(threading.get_ident()), lambda count: None)
+    assert threads == [threading.get_ident()], "Ctrl-C reaches it there"

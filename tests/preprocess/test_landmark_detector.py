@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.preprocess.landmark_stand_ins import disc_image, disc_networks
+from landmark_stand_ins import disc_image, disc_networks
 
 from dynhair.preprocess.landmarks.detector import (
     FaceBox,

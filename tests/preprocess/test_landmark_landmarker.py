@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from landmark_stand_ins import disc_image, disc_networks, round_face, round_mesh
 from scipy.spatial.transform import Rotation
-from tests.preprocess.landmark_stand_ins import disc_image, disc_networks, round_face, round_mesh
 
 from dynhair.errors import DynhairError
 from dynhair.preprocess.landmarks import BLENDSHAPE_NAMES, FaceLandmarker, FaceLandmarks, FaceNetworks, FaceSquare

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from landmark_stand_ins import ring_cameras, round_face, seen_face
 from scipy.optimize import least_squares
-from tests.preprocess.landmark_stand_ins import ring_cameras, round_face, seen_face
 
 from dynhair.preprocess.landmarks import FaceInSpace, FaceLandmarks, consistent_views, triangulate
 from dynhair.preprocess.landmarks.multiview import project, projection_matrix

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
-from tests.preprocess.landmark_stand_ins import disc_image, disc_networks, ring_cameras
+from landmark_stand_ins import disc_image, disc_networks, ring_cameras
 
 from dynhair.preprocess.landmarks import FaceLandmarker, FaceTrack, track_landmarks
 
@@ -48,6 +48,16 @@ def test_views_that_are_close_together_check_one_another():
     images[1] = disc_image((60, 200), 20, (256, 256))  # a face that is somewhere else
     found = track.follow(images, cameras)
     assert [face is not None for face in found] == [True, False, True]
+
+
+def test_the_same_face_seen_a_little_elsewhere_is_kept_for_tracking_to_judge():
+    azimuths = [-1.0, 0.0, 1.0]
+    cameras = far_cameras(azimuths)
+    images = ball_images(azimuths)
+    images[1] = np.roll(images[1], 8, axis=1)  # a camera out of step, or badly calibrated
+    found = FaceTrack(FaceLandmarker(disc_networks())).follow(images, cameras)
+    assert found[1] is not None
+    np.testing.assert_allclose(found[1].square.centre, [136, 128], atol=1)
 
 
 def test_a_view_is_helped_by_the_others():

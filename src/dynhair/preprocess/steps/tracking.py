@@ -28,6 +28,8 @@ _AXIS_LENGTH = 0.08  # metres
 _AXES = ((255, 84, 84), (92, 214, 92), (90, 140, 255))
 _MESH = np.array([120, 200, 255], np.float32)
 _POINTS = 478
+_SLOWEST_FPS = 15.0
+"""Hair swings about once or twice a second, and its acceleration is a second difference."""
 
 
 class TrackingStep(Step[None]):
@@ -163,7 +165,8 @@ class TrackingStep(Step[None]):
                     segments, result.takes, result.diagnostics.median_residuals, strict=True
                 )
             },
-            "warnings": [
+            "warnings": self._limits()
+            + [
                 {
                     "kind": warning.kind,
                     "text": warning.text,
@@ -179,6 +182,16 @@ class TrackingStep(Step[None]):
                 for warning in tracking_warnings(result, names)
             ],
         }
+
+    def _limits(self) -> list[dict[str, Any]]:
+        """What no tracking could tell from this recording."""
+        manifest = self.workspace.manifest
+        known = []
+        if len(manifest.camera_names) == 1:
+            known.append(("size", "one camera does not show how large the head is: the face model's size is assumed"))
+        if manifest.fps < _SLOWEST_FPS:
+            known.append(("frame rate", f"{manifest.fps:.4g} frames a second are too few to tell how hair moves"))
+        return [{"kind": kind, "text": text, "camera": None, "take": None, "frames": None} for kind, text in known]
 
     def _axes(self, frame: int) -> Float[np.ndarray, "4 3"]:
         pose = read_npz(self.workspace.layout.params(frame), {"pose": (1, 6)})["pose"][0]
