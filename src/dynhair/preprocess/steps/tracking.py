@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +67,7 @@ class TrackingStep(Step[None]):
     def worker(self) -> Callable[[None], None]:
         def work(_: None) -> None:
             segments = self.workspace.manifest.segments
-            takes = [self._observations(segment) for segment in segments]
+            takes = from_neutral([self._observations(segment) for segment in segments])
             masks = self._mask if self._options.silhouette else None
             self._write(track_head(takes, self._model, face_anchors(self._model), masks=masks, progress=self.advance))
 
@@ -200,6 +201,27 @@ class TrackingStep(Step[None]):
 
     def _projected(self, view: ViewId, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
         return self.workspace.camera(view).project(torch.from_numpy(points.astype(np.float32)))[0].numpy()
+
+
+def from_neutral(takes: Sequence[Observations]) -> list[Observations]:
+    """Count the network's guesses of facial actions from the person's own neutral face.
+
+    A network that knows no person takes brows that are high by nature for raised ones. What it says in half of all
+    frames or more is shape; only what goes beyond is expression.
+
+    Args:
+        takes: of one person.
+    """
+    hints = [take.expression_hints for take in takes if take.expression_hints is not None]
+    if not hints:
+        return list(takes)
+    neutral = np.median(np.concatenate(hints), axis=0)
+    return [
+        take
+        if take.expression_hints is None
+        else replace(take, expression_hints=np.maximum(take.expression_hints - neutral, 0.0))
+        for take in takes
+    ]
 
 
 def read_diagnostics(workspace: Workspace) -> dict[str, Any]:
