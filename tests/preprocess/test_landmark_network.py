@@ -10,7 +10,6 @@ from tests.preprocess.test_landmark_ibug68 import MIRRORED
 from tools.anchor_table import mirrored_points, pose_error
 from tools.head_renders import HeadPainter, Look, look_at
 
-from dynhair.errors import DynhairError
 from dynhair.face import open_head
 from dynhair.face.anchors import open_head_anchors
 from dynhair.preprocess.landmarks import (
@@ -30,10 +29,7 @@ EYES = 33, 133, 362, 263  # corners, from the person's right
 
 @pytest.fixture(scope="module")
 def networks() -> FaceNetworks:
-    try:
-        return FaceNetworks.load()
-    except DynhairError as error:
-        pytest.skip(f"the face landmarker cannot be had: {error.message}")
+    return FaceNetworks.load()
 
 
 @pytest.fixture(scope="module")
