@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -152,6 +153,19 @@ def test_only_what_is_missing_is_written(raw: Path, workspace: Workspace, decode
     after = modified(workspace)
     assert {path for path in after if after[path] != before[path]} == lost_paths
     assert shows(workspace, ViewId(3, "01"), "FREE", 3)
+
+
+def test_a_video_that_was_replaced_is_imported_again_and_no_other(raw: Path, workspace: Workspace) -> None:
+    run(raw, workspace)
+    before = modified(workspace)
+    (video,) = raw.glob("**/nod/01.*")
+    newest = max(before.values())
+    os.utime(video, ns=(newest + 10**9, newest + 10**9))
+    run(raw, workspace)
+    changed = {path for path, time in modified(workspace).items() if time != before[path]}
+    assert changed == {workspace.image_path(view) for view in workspace.views if view.name == "01"} & {
+        workspace.image_path(ViewId(frame, "01")) for frame in range(FRAMES, 2 * FRAMES)
+    }
 
 
 def test_other_options_write_anew(raw: Path, workspace: Workspace) -> None:

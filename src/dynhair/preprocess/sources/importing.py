@@ -136,7 +136,7 @@ class _Importer:
 
         for name, source in recording.plates.items():
             target = self._workspace.plate_path(name)
-            if name not in self._plan.camera_names or is_fresh((target,), (self._pictures_record,)):
+            if name not in self._plan.camera_names or is_fresh((target,), (self._pictures_record, source)):
                 continue
             stored = self._plan.stored_size[name]
             pixels = read_rgb(source)
@@ -161,7 +161,7 @@ class _Importer:
             if self._stop.is_set():
                 return
             self._write_camera_and_masks(job, index, *geometry(index))
-        pictures = [index for index in pending if not self._has_picture(job.views[index])]
+        pictures = [index for index in pending if not self._has_picture(job, index)]
         self._count(len(pending) - len(pictures))
         for index, pixels in job.channel.frames.read(pictures, self._note):
             if self._stop.is_set():
@@ -174,7 +174,7 @@ class _Importer:
         if not self._has_camera(view):
             self._workspace.write_camera(view, self._plan.world.to_metres(camera.w2c), rectify.K)
         for kind, source in job.masks(index):
-            if not self._has_mask(view, kind):
+            if not self._has_mask(view, kind, source):
                 _write_png(self._workspace.given_path(view, kind), rectify(_read_mask(source, job.stored)))
 
     def _write_picture(self, job: _Job, index: int, pixels: UInt8[np.ndarray, "h w 3"], rectify: Rectifier) -> None:
@@ -187,14 +187,16 @@ class _Importer:
 
     def _is_there(self, job: _Job, index: int) -> bool:
         view = job.views[index]
-        kinds = [kind for kind, _ in job.masks(index)]
-        return self._has_picture(view) and self._has_camera(view) and all(self._has_mask(view, kind) for kind in kinds)
+        masks = all(self._has_mask(view, kind, source) for kind, source in job.masks(index))
+        return masks and self._has_picture(job, index) and self._has_camera(view)
 
-    def _has_picture(self, view: ViewId) -> bool:
-        return is_fresh((self._workspace.image_path(view),), (self._pictures_record,))
+    def _has_picture(self, job: _Job, index: int) -> bool:
+        frames = job.channel.frames
+        source = frames.files[index] if isinstance(frames, PictureFrames) else frames.path
+        return is_fresh((self._workspace.image_path(job.views[index]),), (self._pictures_record, source))
 
-    def _has_mask(self, view: ViewId, kind: str) -> bool:
-        return is_fresh((self._workspace.given_path(view, kind),), (self._pictures_record,))
+    def _has_mask(self, view: ViewId, kind: str, source: Path) -> bool:
+        return is_fresh((self._workspace.given_path(view, kind),), (self._pictures_record, source))
 
     def _has_camera(self, view: ViewId) -> bool:
         return is_fresh((self._workspace.camera_path(view),), (self._cameras_record,))
