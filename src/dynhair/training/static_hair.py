@@ -125,7 +125,7 @@ class _RestScene:
         surface = tracked_surface(capture)
         segment, index = rest_frame(capture)
         pose = head_pose(capture.track(segment), index)
-        views = rest_views(capture, segment.start + index, pose).resized(_LARGEST_IMAGE)
+        views = rest_views(capture, segment.start + index, pose, largest=_LARGEST_IMAGE)
         if not (views.hair > 0.5).any():
             raise DynhairError(
                 "no view of the rest frame shows hair",

@@ -1,4 +1,4 @@
-"""What is known of the hair at rest: masks and orientations from every view of the motionless head."""
+"""What is known of the hair at rest: images, masks and orientations from the views of the motionless head."""
 
 from __future__ import annotations
 
@@ -17,18 +17,23 @@ from dynhair.strands import encode_orientation
 from dynhair.training.frames import hair_mask
 
 
+_HELD_OUT = 8
+
+
 @dataclass(frozen=True)
 class RestViews:
     """Views of the hair at rest, all of one size.
 
     Attributes:
         cameras: in the head frame, so that what they see need not be posed.
+        rgb: images on the capture's background.
         hair: coverage of visible hair in [0, 1].
         direction: the hair's image direction as a doubled angle ``(cos 2a, sin 2a)``, weighted by its coherence and
             by the coverage; zeros without orientation maps.
     """
 
     cameras: list[Camera]
+    rgb: Float[Tensor, "v h w 3"]
     hair: Float[Tensor, "v h w"]
     direction: Float[Tensor, "v h w 2"]
 
@@ -38,39 +43,67 @@ class RestViews:
     def __getitem__(self, chosen: Sequence[int]) -> RestViews:
         """Some of the views."""
         picked = list(chosen)
-        return RestViews([self.cameras[i] for i in picked], self.hair[picked], self.direction[picked])
+        cameras = [self.cameras[i] for i in picked]
+        return RestViews(cameras, self.rgb[picked], self.hair[picked], self.direction[picked])
 
     def resized(self, longer: int) -> RestViews:
         """The views with a longer side of ``longer`` pixels; never larger than they are."""
         height, width = self.hair.shape[1:]
         factor = longer / max(height, width)
-        if factor >= 1:
+        if factor >= 1 or not self.cameras:
             return self
         size = (round(height * factor), round(width * factor))
-        maps = torch.cat([self.hair[:, None], self.direction.movedim(-1, 1)], 1)
-        maps = functional.interpolate(maps, size, mode="area")
+        maps = torch.cat([self.hair[:, None], self.rgb.movedim(-1, 1), self.direction.movedim(-1, 1)], 1)
+        maps = functional.interpolate(maps, size, mode="area").movedim(1, -1)
         cameras = [camera.resized(size[1], size[0]) for camera in self.cameras]
-        return RestViews(cameras, maps[:, 0], maps[:, 1:].movedim(1, -1).contiguous())
+        rgb, direction = maps[..., 1:4].contiguous(), maps[..., 4:].contiguous()
+        return RestViews(cameras, rgb, maps[..., 0].contiguous(), direction)
 
 
-def rest_views(capture: Capture, frame: int, pose: HeadPose) -> RestViews:
-    """All views of the head at rest: those of ``frame`` and the static ones.
+def rest_views(
+    capture: Capture, frame: int, pose: HeadPose, *, held_out: bool = False, largest: int | None = None
+) -> RestViews:
+    """The views of the head at rest that training sees: those of ``frame`` and the static ones.
+
+    Every eighth static view is held out, so that the hairstyle can be judged from where it was not fitted.
 
     Args:
         capture: gives images and cameras.
         frame: the frame whose pose the static views show.
         pose: the head's pose in that frame.
+        held_out: the held-out static views instead; there may be none.
+        largest: longer side of the images, pixels, if they are to be reduced.
 
     Raises:
         DynhairError: the capture has no hair masks.
     """
-    names = capture.camera_names
+    static = [name for place, name in enumerate(capture.static_names) if (place % _HELD_OUT == 3) == held_out]
+    names = [] if held_out else capture.camera_names
     views = capture.views([(frame, name) for name in names])
     cameras = [capture.camera(frame, name) for name in names]
-    views += [capture.static_view(name) for name in capture.static_names]
-    cameras += [capture.static_camera(name) for name in capture.static_names]
-    hair, direction = zip(*(_maps(capture, view) for view in views), strict=True)
-    return RestViews([_in_head_frame(camera, pose) for camera in cameras], torch.stack(hair), torch.stack(direction))
+    views += [capture.static_view(name) for name in static]
+    cameras += [capture.static_camera(name) for name in static]
+    loaded = [
+        _loaded(capture, view, _in_head_frame(camera, pose), largest)
+        for view, camera in zip(views, cameras, strict=True)
+    ]
+    if not loaded:
+        width, height = capture.image_size
+        return RestViews(
+            [], torch.empty(0, height, width, 3), torch.empty(0, height, width), torch.empty(0, height, width, 2)
+        )
+    return RestViews(
+        [view.cameras[0] for view in loaded],
+        torch.cat([view.rgb for view in loaded]),
+        torch.cat([view.hair for view in loaded]),
+        torch.cat([view.direction for view in loaded]),
+    )
+
+
+def _loaded(capture: Capture, view: View, camera: Camera, largest: int | None) -> RestViews:
+    hair, direction = _maps(capture, view)
+    whole = RestViews([camera], view.rgb[None], hair[None], direction[None])
+    return whole if largest is None else whole.resized(largest)
 
 
 def _maps(capture: Capture, view: View) -> tuple[Tensor, Tensor]:
