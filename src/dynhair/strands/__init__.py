@@ -10,14 +10,17 @@ from dynhair.strands.geometry import (
     strand_lengths,
 )
 from dynhair.strands.orientation import decode_orientation, encode_orientation, projected_orientation
-from dynhair.strands.scalp import Roots, root_neighbours, sample_roots
+from dynhair.strands.scalp import Roots, root_neighbours, sample_roots, smooth_surface
+from dynhair.strands.scalp_map import ScalpFrame, directions, texel_uv, texture_roots
 
 __all__ = [
     "MeshDistance",
     "Roots",
+    "ScalpFrame",
     "StrandGaussians",
     "bending_angles",
     "decode_orientation",
+    "directions",
     "encode_orientation",
     "projected_orientation",
     "resample_strands",
@@ -26,6 +29,9 @@ __all__ = [
     "sample_roots",
     "segment_lengths",
     "smooth_strands",
+    "smooth_surface",
     "strand_gaussians",
     "strand_lengths",
+    "texel_uv",
+    "texture_roots",
 ]
