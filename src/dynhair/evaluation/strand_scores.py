@@ -145,7 +145,7 @@ def _matched(queries: _Points, targets: _Points, thresholds: Sequence[tuple[floa
     The nearest target often matches. Queries without a match look at more and more of their neighbours, until these lie
     beyond the distance: exact, and most queries look at few.
     """
-    # Unbalanced trees of points along curves are built in a third of the time and searched as fast.
+    # Points along curves make a tree that needs no balance: built in a third of the time, it is searched as fast.
     tree = KDTree(targets.positions, balanced_tree=False, compact_nodes=False)
     distances, angles = np.array(thresholds, np.float64).T
     cosines = np.cos(np.radians(angles))
@@ -156,7 +156,8 @@ def _matched(queries: _Points, targets: _Points, thresholds: Sequence[tuple[floa
     while len(pending):
         count = min(count, len(targets.positions))
         open_ = []
-        for some in np.array_split(pending, math.ceil(len(pending) * count / _PAIRS_AT_ONCE)):
+        parts = min(len(pending), math.ceil(len(pending) * count / _PAIRS_AT_ONCE))
+        for some in np.array_split(pending, parts):
             far, nearest = tree.query(queries.positions[some], count, distance_upper_bound=reach)
             far, nearest = far.reshape(-1, count), nearest.reshape(-1, count)
             there = np.where(np.isfinite(far), nearest, 0)

@@ -3,14 +3,22 @@
 from dynhair.losses.orientation import orientation_loss
 from dynhair.losses.photometric import l1_loss, ssim, ssim_loss, ssim_map
 from dynhair.losses.physics import elastic_loss, penetration_loss, sample_strand_points
-from dynhair.losses.regularizers import length_loss, shape_loss, smoothness_loss
+from dynhair.losses.regularizers import (
+    grows_in_front,
+    length_loss,
+    pca_consistency_loss,
+    shape_loss,
+    smoothness_loss,
+)
 from dynhair.losses.silhouette import segmentation_loss, segmentation_weight
 
 __all__ = [
     "elastic_loss",
+    "grows_in_front",
     "l1_loss",
     "length_loss",
     "orientation_loss",
+    "pca_consistency_loss",
     "penetration_loss",
     "sample_strand_points",
     "segmentation_loss",
