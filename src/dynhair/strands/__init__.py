@@ -12,6 +12,7 @@ from dynhair.strands.geometry import (
 from dynhair.strands.orientation import decode_orientation, encode_orientation, projected_orientation
 from dynhair.strands.scalp import Roots, root_neighbours, sample_roots, smooth_surface
 from dynhair.strands.scalp_map import ScalpFrame, directions, texel_uv, texture_roots
+from dynhair.strands.upsampling import upsample
 
 __all__ = [
     "MeshDistance",
@@ -34,4 +35,5 @@ __all__ = [
     "strand_lengths",
     "texel_uv",
     "texture_roots",
+    "upsample",
 ]
