@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from dynhair.capture import Capture, Segment, View
+from dynhair.capture.arrays import read_npz
 from dynhair.evaluation.hair_motion import to_head_frame
 from dynhair.evaluation.metrics import silhouette
 
@@ -59,6 +60,20 @@ def true_strands(capture: Capture, segment: Segment) -> Float[Tensor, "f m p 3"]
     rotations, translations = torch.from_numpy(track.rotations), torch.from_numpy(track.translations)
     strands = torch.from_numpy(truth.strands).double()
     return torch.stack([to_head_frame(*frame) for frame in zip(strands, rotations, translations, strict=True)])
+
+
+def true_hairstyle(capture: Capture, frame: int) -> Float[Tensor, "m p 3"] | None:
+    """Read all true strands of one frame, world, metres; None where the capture does not hold them.
+
+    The strands of a motion are a subset of these, too few to tell what a reconstruction adds or leaves out.
+
+    Raises:
+        DynhairError: the file is damaged.
+    """
+    path = capture.layout.ground_truth(f"strands_frame{frame}_all")
+    if not path.exists():
+        return None
+    return torch.from_numpy(read_npz(path, {"strands": (None, None, 3)})["strands"]).float()
 
 
 def _decode(capture: Capture, segment: Segment, index: int) -> TrueFrame:
