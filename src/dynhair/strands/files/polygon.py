@@ -30,8 +30,8 @@ _TYPES = {
 _BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _LENGTH_COMMENT = "points_per_strand"
 _USUAL_LENGTHS = (100, 200)
-_JUMP = 5.0  # times the strand's mean segment
-_MOST = 0.9  # of the places where one strand ends and the next begins
+_JUMP = 5.0  # times the strand's median segment
+_MOST = 0.9  # of the strands
 
 
 @dataclass
@@ -177,11 +177,11 @@ def _columns(table: np.ndarray, *names: str) -> np.ndarray:
 
 def _joined_counts(edges: np.ndarray, points: int, path: Path) -> np.ndarray:
     """Points of each strand, of which edges join each to the next."""
-    ends = (
-        np.sort(_columns(edges, "vertex1", "vertex2").astype(np.int64), axis=1) if len(edges) else np.empty((0, 2), int)
-    )
-    low, high = ends.T
-    if len(ends) and (low.min() < 0 or high.max() >= points or (high - low != 1).any()):
+    ends = _columns(edges, "vertex1", "vertex2")
+    if ends.dtype.kind not in "iu":
+        raise ValueError(f"its edges are {ends.dtype}")
+    low, high = np.sort(ends.astype(np.int64), axis=1).T
+    if ((low < 0) | (high >= points) | (high - low != 1)).any():
         raise DynhairError(
             "its edges do not join each point to the next one of a strand",
             path=path,
@@ -196,35 +196,27 @@ def _joined_counts(edges: np.ndarray, points: int, path: Path) -> np.ndarray:
 def _guessed_counts(points: np.ndarray, path: Path) -> np.ndarray:
     """Points of each strand, told from where they jump.
 
-    The research code that writes plain points has strands of 100 or of 200. Strands are taken to have 100 points if, at
-    nine in ten places between one hundred and the next, the step is more than five times the mean segment before it;
-    200, if that is so between the two hundreds and at no more than one in ten of the places in their middle.
+    The research code that writes plain points has strands of 100 or of 200. Of these lengths just one has to fit: in
+    nine of ten strands, the step to the next strand is more than five times the median segment, and no segment is.
     """
-    hundreds, two_hundreds = (_jumps(points, length) for length in _USUAL_LENGTHS)
-    if hundreds is not None and (not len(hundreds) or hundreds.mean() >= _MOST):
-        length = _USUAL_LENGTHS[0]
-    elif (
-        hundreds is not None
-        and two_hundreds is not None
-        and hundreds[::2].mean() <= 1 - _MOST
-        and (not len(two_hundreds) or two_hundreds.mean() >= _MOST)
-    ):
-        length = _USUAL_LENGTHS[1]
-    else:
+    fitting = [length for length in _USUAL_LENGTHS if _fits(points, length)]
+    if len(fitting) != 1:
         raise DynhairError(
             f"its {len(points)} points have no edges, and do not tell where strands end",
             path=path,
             expected="edges, or strands of 100 or of 200 points one after another",
             mend=f"put the line 'comment {_LENGTH_COMMENT} 100', with the right number, after the header's first",
         )
-    return np.full(len(points) // length, length)
+    return np.full(len(points) // fitting[0], fitting[0])
 
 
-def _jumps(points: np.ndarray, length: int) -> np.ndarray | None:
-    """For each strand of that many points but the last, whether the next begins far from where it ends."""
+def _fits(points: np.ndarray, length: int) -> bool:
     if not len(points) or len(points) % length:
-        return None
+        return False
     strands = points.astype(np.float64).reshape(-1, length, 3)
-    segments = np.linalg.norm(np.diff(strands, axis=1), axis=2).mean(axis=1)
-    gaps = np.linalg.norm(strands[1:, 0] - strands[:-1, -1], axis=1)
-    return gaps > _JUMP * segments[:-1]
+    segments = np.linalg.norm(np.diff(strands, axis=1), axis=2)
+    jump = _JUMP * np.median(segments, axis=1)
+    steps_to_next = np.linalg.norm(strands[1:, 0] - strands[:-1, -1], axis=1)
+    whole = segments.max(axis=1) <= jump
+    whole[:-1] &= steps_to_next > jump[:-1]
+    return bool(whole.mean() >= _MOST)

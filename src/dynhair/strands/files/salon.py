@@ -28,7 +28,7 @@ def read_data(path: Path) -> StrandFile:
     strands = int(cursor.take("<i4"))
     if not 0 < strands <= len(content) // 16:  # a strand takes a count and a point at least
         raise DynhairError(
-            f"it announces {strands} strands, which a file of {len(content)} bytes cannot hold",
+            f"it announces {strands} strands in {len(content)} bytes",
             path=path,
             expected="a .data file of strands, as in USC-HairSalon",
         )
