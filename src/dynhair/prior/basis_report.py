@@ -17,6 +17,7 @@ from dynhair.strands import strand_lengths
 
 COUNTS = (2, 4, 8, 10, 16, 24, 32, 48, 64)
 _CHUNK = 4096
+_LINES = ("-", "--", ":", "-.")  # told apart even where curves coincide
 _COLOURS = ("#3b6fb6", "#d1495b", "#3a9d5d", "#f2a541", "#7d5ba6")
 
 
@@ -101,7 +102,12 @@ def plot_reconstruction(errors: Mapping[str, Sequence[ReconstructionError]], pat
         for index, (basis, rows) in enumerate(errors.items()):
             chosen = [error for error in rows if error.strands == name]
             counts = [error.count for error in chosen]
-            look = {"color": _COLOURS[index % len(_COLOURS)], "marker": ".", "linewidth": 1.2, "label": basis}
+            look = {
+                "color": _COLOURS[index % len(_COLOURS)],
+                "linestyle": _LINES[index % len(_LINES)],
+                "linewidth": 1.5,
+                "label": basis,
+            }
             panels[0, column].plot(counts, [error.distance_mm for error in chosen], **look)
             panels[1, column].plot(counts, [error.angle_deg for error in chosen], **look)
         panels[0, column].set_title(name, fontsize=9)
