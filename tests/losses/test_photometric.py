@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+
 import numpy as np
 import pytest
 import torch
@@ -44,6 +47,24 @@ def test_ssim_agrees_with_scikit_image(noise: float) -> None:
     np.testing.assert_allclose(ssim_map(first, second), full, atol=1e-10)
     assert ssim(first, second).item() == pytest.approx(mean, abs=1e-10)
     assert ssim_loss(first.float(), second.float()).item() == pytest.approx(1 - mean, abs=1e-5)
+
+
+def test_ssim_agrees_with_a_loop() -> None:
+    first, second = pictures(3, 14, 13)
+    taps = [math.exp(-0.5 * (offset / 1.5) ** 2) for offset in range(-5, 6)]
+    window = [[a * b / sum(taps) ** 2 for b in taps] for a in taps]
+    values = []
+    for channel in range(3):
+        x, y = (image[..., channel].tolist() for image in (first, second))
+        for top, left in itertools.product(range(14 - 10), range(13 - 10)):
+            cells = [(window[i][j], x[top + i][left + j], y[top + i][left + j]) for i in range(11) for j in range(11)]
+            mean_x, mean_y = sum(w * a for w, a, _ in cells), sum(w * b for w, _, b in cells)
+            variance_x = sum(w * (a - mean_x) ** 2 for w, a, _ in cells)
+            variance_y = sum(w * (b - mean_y) ** 2 for w, _, b in cells)
+            covariance = sum(w * (a - mean_x) * (b - mean_y) for w, a, b in cells)
+            luminance = (2 * mean_x * mean_y + 1e-4) / (mean_x**2 + mean_y**2 + 1e-4)
+            values.append(luminance * (2 * covariance + 9e-4) / (variance_x + variance_y + 9e-4))
+    assert ssim_loss(first, second).item() == pytest.approx(1 - sum(values) / len(values))
 
 
 def test_ssim_averages_over_views() -> None:

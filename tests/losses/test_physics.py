@@ -75,6 +75,24 @@ def test_penetration_is_the_mean_squared_depth_of_inside_points() -> None:
     torch.testing.assert_close(points.grad, expected, rtol=1e-5, atol=1e-6)
 
 
+def test_penetration_agrees_with_a_loop_over_the_planes_of_a_convex_mesh() -> None:
+    """The depth within a convex body is the distance to the nearest of the planes that bound it."""
+    corners = np.array([[0.0, 0.0, 1.0], [1.0, -0.2, -0.6], [-0.7, 0.9, -0.5], [-0.5, -1.0, -0.4]])
+    faces = [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]
+    points = np.random.default_rng(0).uniform(-0.8, 0.8, (200, 3))
+    squares = []
+    for point in points:
+        depths = []
+        for a, b, c in faces:
+            normal = np.cross(corners[b] - corners[a], corners[c] - corners[a])
+            depths.append(float((corners[a] - point) @ normal / np.linalg.norm(normal)))
+        if min(depths) > 0:
+            squares.append(min(depths) ** 2)
+    assert 10 < len(squares) < 100
+    found = penetration_loss(torch.from_numpy(points), MeshDistance(torch.from_numpy(corners), torch.tensor(faces)))
+    assert found.item() == pytest.approx(sum(squares) / len(squares), rel=1e-5)
+
+
 def test_penetration_gradients_agree_with_finite_differences() -> None:
     mesh, generator = cube(), torch.Generator().manual_seed(0)
     points = (torch.rand(60, 3, generator=generator, dtype=torch.float64) - 0.5) * 1.6
