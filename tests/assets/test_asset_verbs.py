@@ -71,6 +71,8 @@ def test_the_catalogue_pins_everything() -> None:
         "selfie-segmentation",
         "isnet",
         "bisenet-celebamask",
+        "lpips-vgg16",
+        "lpips-alexnet",
     }
     for entry in CATALOGUE:
         pins = [entry.sha256]

