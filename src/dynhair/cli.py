@@ -14,6 +14,7 @@ from dynhair.errors import DynhairError
 from dynhair.preprocess.options import ImportOptions, PreprocessOptions
 
 PresetName = Literal["tiny", "small", "medium", "paper"]
+StageName = Literal["static", "dynamic"]
 
 
 def demo(out: Path = Path("demo")) -> None:
@@ -125,6 +126,8 @@ def train(
     config: Path | None = None,
     iterations: int | None = None,
     seed: int | None = None,
+    stages: tuple[StageName, ...] = ("static", "dynamic"),
+    hair_init: Path | None = None,
     resume: bool = False,
 ) -> None:
     """Train an avatar on a capture.
@@ -139,12 +142,18 @@ def train(
         config: YAML file in the place of the preset; every run writes its own config.yaml to start from.
         iterations: Steps of the joint training, if others than the preset's.
         seed: Of everything random, if another than the preset's.
+        stages: What to do: static makes the canonical hair, dynamic the moving avatar. After static alone, --resume
+            goes on with the rest.
+        hair_init: A groom (.hair, .data, .ply, .npz, .abc, .usd) to start the canonical hair from, in the place of
+            the strand prior's guess.
         resume: Go on with the run in OUT, with its own configuration.
     """
     from dynhair.config import chosen_config
     from dynhair.training import train as train_avatar
 
-    train_avatar(capture, out, chosen_config(preset, config, iterations, seed), resume=resume)
+    train_avatar(
+        capture, out, chosen_config(preset, config, iterations, seed), stages=stages, hair_init=hair_init, resume=resume
+    )
 
 
 def render(

@@ -48,14 +48,53 @@ class HairConfig:
     Attributes:
         strands: number of strands.
         points: points L of a strand.
-        static_iterations: refinement steps of the canonical hairstyle.
         deformer: the network that moves it.
     """
 
     strands: int = 1500
     points: int = 32
-    static_iterations: int = 600
     deformer: DeformerConfig = field(default_factory=DeformerConfig)
+
+
+@dataclass(frozen=True)
+class StaticWeights:
+    """Weights of the static stage's terms (supplement B, in metres)."""
+
+    rgb: float = 0.2
+    ssim: float = 0.02
+    perceptual: float = 0.0
+    segmentation: float = 1.0
+    orientation: float = 0.5
+    penetration: float = 2000.0
+    shape: float = 0.001
+    smoothness: float = 0.1
+    length: float = 0.1
+    pca: float = 0.0001
+
+
+@dataclass(frozen=True)
+class StaticConfig:
+    """The static stage: the canonical hairstyle from the views of the hair at rest.
+
+    Attributes:
+        prior: ``builtin``, or a file that ``dynhair prior`` made.
+        encoder_iterations: steps that train the prior's encoders.
+        iterations: steps that move the strands themselves.
+        views: views a step.
+        image_size: longer side of the images, pixels; larger captures are reduced.
+        encoder_rate: learning rate of the encoders.
+        checkpoint_every: steps between checkpoints.
+        weights: of the losses.
+    """
+
+    prior: str = "builtin"
+    encoder_iterations: int = 100
+    iterations: int = 2000
+    views: int = 2
+    image_size: int = 512
+    encoder_rate: float = 1e-5
+    checkpoint_every: int = 250
+    weights: StaticWeights = field(default_factory=StaticWeights)
 
 
 @dataclass(frozen=True)
@@ -156,13 +195,15 @@ class Config:
     """Everything that determines an avatar, given a capture."""
 
     hair: HairConfig = field(default_factory=HairConfig)
+    static: StaticConfig = field(default_factory=StaticConfig)
     head: HeadConfig = field(default_factory=HeadConfig)
     training: TrainingConfig = field(default_factory=TrainingConfig)
 
 
 PRESETS: Mapping[str, Config] = {
     "tiny": Config(
-        hair=HairConfig(strands=600, points=24, static_iterations=250, deformer=DeformerConfig(hidden=64, width=64)),
+        hair=HairConfig(strands=600, points=24, deformer=DeformerConfig(hidden=64, width=64)),
+        static=StaticConfig(encoder_iterations=20, iterations=250),
         head=HeadConfig(
             gaussians=8000, features=16, deformation_width=48, appearance_width=16, tracking_iterations=500
         ),
@@ -170,13 +211,15 @@ PRESETS: Mapping[str, Config] = {
     ),
     "small": Config(),
     "medium": Config(
-        hair=HairConfig(strands=5000, points=40, static_iterations=1500),
+        hair=HairConfig(strands=5000, points=40),
+        static=StaticConfig(encoder_iterations=400, iterations=4000, views=4, weights=StaticWeights(perceptual=0.01)),
         head=HeadConfig(gaussians=60_000, features=64, deformation_width=128, appearance_width=64),
         training=TrainingConfig(iterations=40_000, views=4, image_size=512, checkpoint_every=1000),
     ),
     "paper": Config(
-        hair=HairConfig(
-            strands=11_000, points=40, static_iterations=5000, deformer=DeformerConfig(hidden=256, width=256, layers=4)
+        hair=HairConfig(strands=11_000, points=40, deformer=DeformerConfig(hidden=256, width=256, layers=4)),
+        static=StaticConfig(
+            encoder_iterations=1200, iterations=5000, views=4, image_size=1024, weights=StaticWeights(perceptual=0.01)
         ),
         head=HeadConfig(
             gaussians=140_000, features=128, deformation_width=256, deformation_layers=5, appearance_width=256

@@ -102,7 +102,7 @@ def test_it_trains_as_it_is(made: Capture, tmp_path: Path) -> None:
     config = PRESETS["tiny"]
     config = replace(
         config,
-        hair=replace(config.hair, static_iterations=10),
+        static=replace(config.static, encoder_iterations=2, iterations=8),
         head=replace(config.head, tracking_iterations=10),
         training=replace(config.training, iterations=4),
     )

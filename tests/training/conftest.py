@@ -3,18 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+import torch
 
-from dynhair.training import static_groom, static_hair
+from dynhair.prior.basis import fit_basis
+from dynhair.prior.encoders import EncoderSizes
+from dynhair.prior.hair_prior import HairPrior
+from dynhair.training import static_hair
+
+
+@pytest.fixture(scope="session")
+def small_prior(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An untrained prior that guesses strands which hang down, slightly bent."""
+    random = torch.Generator().manual_seed(0)
+    along = torch.linspace(0, 1, 200)[None, :, None]
+    lengths = 0.6 + 0.6 * torch.rand(300, 1, 1, generator=random)
+    lean = 0.4 * torch.randn(300, 1, 3, generator=random)
+    down = torch.tensor([0.0, -1.0, 0.0])
+    basis = fit_basis(lengths * (along * down + along.square() * lean), count=16)
+    sizes = EncoderSizes(volume=4, code=8, texture=8, point=4)
+    torch.manual_seed(0)
+    prior = HairPrior(basis, torch.zeros(16, 16, 16), sizes)
+    path = tmp_path_factory.mktemp("prior") / "prior.safetensors"
+    prior.save(path)
+    return path
 
 
 @pytest.fixture(scope="session", autouse=True)
-def short_search() -> Iterator[None]:
-    """A search for the groom that takes half a second; what it finds is tested by the slow tests."""
+def quick_prior(small_prior: Path) -> Iterator[None]:
+    """The small prior in the place of the package's own, which takes longer and is tested by itself."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in (static_groom, static_hair):
-            patch.setattr(module, "FIRST_POPULATION", 6)
-            patch.setattr(module, "GENERATIONS", 1)
-            patch.setattr(module, "POPULATION", 6)
+        patch.setattr(static_hair, "builtin_prior", lambda: HairPrior.load(small_prior))
         yield

@@ -10,17 +10,17 @@ import torch
 
 from dynhair.config import preset
 from dynhair.errors import DynhairError
-from dynhair.training.run import Run, avatar_folder, trained_capture
+from dynhair.training.run import Run, avatar_folder, read_hair, trained_capture, write_hair
 
 
 def test_a_run_opens_as_it_was_created(tmp_path: Path) -> None:
     created = Run.create(tmp_path / "run", tmp_path / "capture", preset("tiny"))
     opened = Run.open(tmp_path / "run")
     assert opened == created
-    assert opened.read_canonical_hair() is None
+    assert read_hair(opened.canonical_hair) is None
     strands = torch.randn(3, 4, 3)
-    created.write_canonical_hair(strands)
-    kept = opened.read_canonical_hair()
+    write_hair(strands, created.canonical_hair)
+    kept = read_hair(opened.canonical_hair)
     assert kept is not None
     assert torch.equal(kept, strands)
 
@@ -58,7 +58,7 @@ def test_damaged_canonical_hair_is_named(tmp_path: Path) -> None:
     run = Run.create(tmp_path / "run", tmp_path, preset("tiny"))
     (run.path / "canonical_hair.safetensors").write_bytes(b"not safetensors")
     with pytest.raises(DynhairError, match="canonical_hair"):
-        run.read_canonical_hair()
+        read_hair(run.canonical_hair)
 
 
 def test_avatars_are_found_by_run_or_folder(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from meshless import true_head, write_meshless_capture
 from rich.console import Console
 
 from dynhair.capture import Capture
-from dynhair.config import Config, DeformerConfig, HairConfig, HeadConfig, TrainingConfig
+from dynhair.config import Config, DeformerConfig, HairConfig, HeadConfig, StaticConfig, TrainingConfig
 from dynhair.errors import DynhairError
 from dynhair.face import open_head
 from dynhair.strands import MeshDistance
@@ -116,11 +116,13 @@ def test_rest_shape_is_that_of_the_static_frame(surface: RegisteredHead) -> None
 def test_a_capture_without_a_mesh_trains(tmp_path: Path) -> None:
     path = write_meshless_capture(tmp_path / "c")
     config = Config(
-        hair=HairConfig(strands=30, points=8, static_iterations=2, deformer=DeformerConfig(hidden=8, width=16)),
+        hair=HairConfig(strands=30, points=8, deformer=DeformerConfig(hidden=8, width=16)),
+        static=StaticConfig(encoder_iterations=1, iterations=2),
         head=HeadConfig(gaussians=500, features=4, deformation_width=16, appearance_width=8, tracking_iterations=2),
         training=TrainingConfig(iterations=3, image_size=24, precision="float32"),
     )
     avatar = train(path, tmp_path / "run", config, console=Console(file=io.StringIO()))
+    assert avatar is not None
     surface = tracked_surface(Capture.open(path))
     distances, _ = MeshDistance(surface.vertices(0) - torch.from_numpy(HEAD_ORIGIN).float(), surface.faces).query(
         avatar.canonical_strands[:, 0]

@@ -23,6 +23,7 @@ from dynhair.config import (
     DeformerConfig,
     HairConfig,
     HeadConfig,
+    StaticConfig,
     TrainingConfig,
     write_config,
 )
@@ -34,7 +35,8 @@ from dynhair.training.run import Run
 from synthetic import write_synthetic_capture
 
 CONFIG = Config(
-    hair=HairConfig(strands=60, points=10, static_iterations=8, deformer=DeformerConfig(hidden=8, width=16)),
+    hair=HairConfig(strands=60, points=10, deformer=DeformerConfig(hidden=8, width=16)),
+    static=StaticConfig(encoder_iterations=2, iterations=6),
     head=HeadConfig(gaussians=500, features=4, deformation_width=16, appearance_width=8, tracking_iterations=20),
     training=TrainingConfig(iterations=12, image_size=32, precision="float32", checkpoint_every=5, preview_every=6),
 )
@@ -130,7 +132,8 @@ def test_training_brings_the_avatar_closer_to_the_images(capture: Path, tmp_path
     segment = data.segments[0]
     track = data.track(segment)
 
-    def error(avatar: Avatar) -> float:
+    def error(avatar: Avatar | None) -> float:
+        assert avatar is not None
         total = 0.0
         for index in range(segment.count):
             frame = segment.start + index
@@ -162,3 +165,21 @@ def test_a_capture_without_hair_masks_is_refused(tmp_path: Path) -> None:
         mask.unlink()
     with pytest.raises(DynhairError, match="hair mask"):
         train(path, tmp_path / "run", CONFIG, console=quiet())
+
+
+def test_the_static_stage_alone_can_be_gone_on_with(capture: Path, trained: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    assert train(capture, out, CONFIG, stages=("static",), console=quiet()) is None
+    run = Run.open(out)
+    assert run.canonical_hair.exists()
+    assert not run.avatar.exists()
+    train(capture, out, resume=True, console=quiet())
+    assert_same_avatar(out, trained)
+
+
+def test_an_unreadable_groom_leaves_no_run(capture: Path, tmp_path: Path) -> None:
+    groom = tmp_path / "groom.hair"
+    groom.write_bytes(b"HAIRY")
+    with pytest.raises(DynhairError, match="groom"):
+        train(capture, tmp_path / "run", CONFIG, hair_init=groom, console=quiet())
+    assert not (tmp_path / "run").exists()

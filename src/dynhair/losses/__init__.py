@@ -1,6 +1,7 @@
 """Losses: pure functions of tensors, each a mean or a sum as the paper has it, without its weight."""
 
-from dynhair.losses.orientation import orientation_loss
+from dynhair.losses.orientation import direction_loss, orientation_loss
+from dynhair.losses.perceptual import PerceptualDistance, lpips_loss
 from dynhair.losses.photometric import l1_loss, ssim, ssim_loss, ssim_map
 from dynhair.losses.physics import elastic_loss, penetration_loss, sample_strand_points
 from dynhair.losses.regularizers import (
@@ -13,10 +14,13 @@ from dynhair.losses.regularizers import (
 from dynhair.losses.silhouette import segmentation_loss, segmentation_weight
 
 __all__ = [
+    "PerceptualDistance",
+    "direction_loss",
     "elastic_loss",
     "grows_in_front",
     "l1_loss",
     "length_loss",
+    "lpips_loss",
     "orientation_loss",
     "pca_consistency_loss",
     "penetration_loss",

@@ -9,6 +9,8 @@ from torch import Tensor
 COVERAGE = 0.5
 """Above which a pixel belongs to a hair mask."""
 
+_NEGLIGIBLE_COVERAGE = 1e-3
+
 
 def orientation_loss(
     predicted: Float[Tensor, "*v h w"],
@@ -39,3 +41,25 @@ def orientation_loss(
     difference = predicted - target
     angle = (difference - difference.detach().round()).abs()
     return torch.pi * (weight * angle).sum() / weight.sum().clamp_min(torch.finfo(weight.dtype).tiny)
+
+
+def direction_loss(
+    predicted: Float[Tensor, "*v h w 2"], coverage: Float[Tensor, "*v h w"], target: Float[Tensor, "*v h w 2"]
+) -> Float[Tensor, ""]:
+    """Mean squared sine of the angle between undirected orientations, weighted by the target's coherence.
+
+    It is ``(1 - cos 2d) / 2`` for angles that differ by ``d``: a smooth form of ``L_orient`` that decodes no angles, so
+    that strands which are far off still feel a finite and steady pull.
+
+    Args:
+        predicted: rendered doubled angles ``(cos 2a, sin 2a)`` times the hair's coverage.
+        coverage: rendered hair coverage in [0, 1]; it weighs the pixels and gets no gradient through the weight.
+        target: doubled angles times their coherence in [0, 1]; zeros where nothing is known.
+
+    Returns:
+        The weighted mean in [0, 1]; zero where the two do not meet.
+    """
+    weight = target.norm(dim=-1) * coverage.detach()
+    known = torch.nn.functional.normalize(target, dim=-1)
+    agreement = (predicted * known).sum(-1) / (coverage + _NEGLIGIBLE_COVERAGE)
+    return (weight * (1 - agreement)).sum() / (2 * weight.sum().clamp_min(1.0))

@@ -14,7 +14,7 @@ from dynhair.config import Config, read_config, write_config
 from dynhair.errors import DynhairError
 from dynhair.storage import atomic_file, atomic_folder, read_json, write_json
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -25,14 +25,16 @@ class Run:
         path: the folder.
         capture: the capture that it trains on.
         config: everything else that determines the result.
+        hair_init: a groom to start the canonical hair from; None for the strand prior's guess.
     """
 
     path: Path
     capture: Path
     config: Config
+    hair_init: Path | None = None
 
     @classmethod
-    def create(cls, path: Path, capture: Path, config: Config) -> Run:
+    def create(cls, path: Path, capture: Path, config: Config, hair_init: Path | None = None) -> Run:
         """Begin a run in a new or empty folder.
 
         Raises:
@@ -45,10 +47,15 @@ class Run:
                 expected="a new or empty folder",
                 mend="go on with the run there by --resume, or choose another folder by --out",
             )
-        run = cls(path, capture.resolve(), config)
+        run = cls(path, capture.resolve(), config, None if hair_init is None else hair_init.resolve())
         with atomic_folder(path) as folder:
             write_config(config, folder / "config.yaml")
-            description = {"kind": "dynhair run", "version": SCHEMA_VERSION, "capture": str(run.capture)}
+            description: dict[str, object] = {
+                "kind": "dynhair run",
+                "version": SCHEMA_VERSION,
+                "capture": str(run.capture),
+                "hair_init": None if run.hair_init is None else str(run.hair_init),
+            }
             write_json(folder / "run.json", description)
         return run
 
@@ -74,7 +81,13 @@ class Run:
                 expected=f"a 'dynhair run' of version {SCHEMA_VERSION}",
                 mend="resume it with the release that began it",
             )
-        return cls(path, Path(str(description.get("capture"))), read_config(path / "config.yaml"))
+        groom = description.get("hair_init")
+        return cls(
+            path,
+            Path(str(description.get("capture"))),
+            read_config(path / "config.yaml"),
+            None if groom is None else Path(str(groom)),
+        )
 
     @property
     def checkpoint(self) -> Path:
@@ -97,28 +110,51 @@ class Run:
         return self.path / "preview.png"
 
     @property
-    def _canonical_hair(self) -> Path:
+    def encoders(self) -> Path:
+        """The newest checkpoint of the strand prior's encoders."""
+        return self.path / "static_encoders.safetensors"
+
+    @property
+    def moved_strands(self) -> Path:
+        """The newest checkpoint of the canonical strands' displacements."""
+        return self.path / "static_strands.safetensors"
+
+    @property
+    def hairstyle_preview(self) -> Path:
+        """The canonical hair in every view, beside the truth."""
+        return self.path / "hairstyle.png"
+
+    @property
+    def canonical_hair(self) -> Path:
+        """The static stage's result."""
         return self.path / "canonical_hair.safetensors"
 
-    def read_canonical_hair(self) -> Float[Tensor, "n l 3"] | None:
-        """The static stage's strands in the head frame, metres; None before that stage is done.
+    @property
+    def first_guess(self) -> Path:
+        """The hair that the static stage began with."""
+        return self.path / "first_guess.safetensors"
 
-        Raises:
-            DynhairError: the file is damaged.
-        """
-        if not self._canonical_hair.exists():
-            return None
-        try:
-            return safetensors.torch.load_file(self._canonical_hair)["strands"]
-        except (OSError, KeyError, safetensors.SafetensorError) as error:
-            raise DynhairError(
-                f"not readable ({error})", path=self._canonical_hair, mend="delete it: the stage will be done again"
-            ) from None
 
-    def write_canonical_hair(self, strands: Float[Tensor, "n l 3"]) -> None:
-        """Keep the static stage's strands."""
-        with atomic_file(self._canonical_hair) as temporary:
-            safetensors.torch.save_file({"strands": strands.detach().contiguous()}, temporary)
+def read_hair(path: Path) -> Float[Tensor, "n l 3"] | None:
+    """Read the strands that a stage kept, head frame, metres; None if it has not got so far.
+
+    Raises:
+        DynhairError: the file is damaged.
+    """
+    if not path.exists():
+        return None
+    try:
+        return safetensors.torch.load_file(path)["strands"]
+    except (OSError, KeyError, safetensors.SafetensorError) as error:
+        raise DynhairError(
+            f"not readable ({error})", path=path, mend="delete it: the stage will be done again"
+        ) from None
+
+
+def write_hair(strands: Float[Tensor, "n l 3"], path: Path) -> None:
+    """Keep strands, atomically."""
+    with atomic_file(path) as temporary:
+        safetensors.torch.save_file({"strands": strands.detach().contiguous()}, temporary)
 
 
 def avatar_folder(path: Path) -> Path:

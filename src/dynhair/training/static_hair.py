@@ -1,40 +1,39 @@
-"""The canonical hairstyle: strands of the hair at rest, from the images alone (paper, "Canonical representation").
+"""The static stage: the canonical hairstyle from the views of the hair at rest (paper, "Canonical representation").
 
-The paper starts from a learned prior (Im2Haircut), whose weights may not be passed on. Here a parametric groom is
-fitted first (:mod:`dynhair.training.static_groom`); its strands are then refined with the paper's static losses.
+The strand prior's encoders see the views and guess a hairstyle; they are trained on these views for a while; then the
+strands themselves are moved until they look like the hair (supplement B, "Canonical initialization"). A groom from a
+file can take the guess's place.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import math
+from pathlib import Path
 
 import torch
 from jaxtyping import Float
-from torch import Tensor
-from torch.nn import functional
+from rich.console import Console
+from torch import Tensor, nn
 
-from dynhair.avatar import HeadPose, head_pose
 from dynhair.capture import Capture
-from dynhair.errors import DynhairError
-from dynhair.render import Gaussians, rasterize
-from dynhair.strands import MeshDistance, sample_roots
-from dynhair.strands.groom import grow_strands
-from dynhair.training.frames import rest_frame
-from dynhair.training.static_groom import FIRST_POPULATION, GENERATIONS, POPULATION, search_groom
-from dynhair.training.static_refine import refine_strands
-from dynhair.training.static_scene import surface_gaussians
-from dynhair.training.static_views import RestViews, rest_views
-from dynhair.training.surface import tracked_surface
+from dynhair.config import StaticConfig
+from dynhair.prior.hair_prior import HairPrior, builtin_prior
+from dynhair.progress import StageProgress
+from dynhair.strands import MeshDistance, resample_strands, smooth_strands
+from dynhair.strands.groom import push_out
+from dynhair.training.checkpoint import Checkpoint
+from dynhair.training.interruption import Interruption, interruptible
+from dynhair.training.previews import hairstyle_picture, write_preview
+from dynhair.training.rest_scene import RestScene
+from dynhair.training.run import Run, write_hair
+from dynhair.training.static_model import POINTS, DisplacedHair, EncodedHair, Paint
+from dynhair.training.static_objective import StaticObjective
+from dynhair.training.static_start import encoded_hair, groom_from_file
 
 _TOTAL_WIDTH = 1.5
 _NARROWEST, _WIDEST = 1e-4, 4e-3
-_LARGEST_IMAGE = 512
-_SEARCH_STRANDS = 160
-_SEARCH_IMAGE = 96
-_SEARCH_VIEWS = 6
-_PARTING_MARGIN = 0.008
-_ROOT_DEPTH = 0.01
+_RATE_SHARED, _RATE_OWN, _RATE_PAINT = 2e-3, 6e-4, 1e-2
+_CLEARANCE = 5e-4
 
 
 def strand_width(count: int) -> float:
@@ -46,137 +45,137 @@ def strand_width(count: int) -> float:
     return min(max(_TOTAL_WIDTH / count, _NARROWEST), _WIDEST)
 
 
-def fit_canonical_hair(
-    capture: Capture,
-    *,
-    strand_count: int,
-    points: int,
-    iterations: int,
-    seed: int,
-    width: float | None = None,
-    progress: Callable[[int, int, float], None] = lambda step, total, loss: None,
-) -> Float[Tensor, "n l 3"]:
-    """Reconstruct the strands of the hair at rest from hair masks and orientation maps.
-
-    Uses the rest frame's views and, where the capture has them, the static views around the head. Without orientation
-    maps the silhouettes alone must do. Deterministic for a seed and a number of threads.
+class StaticStage:
+    """The static stage of a run. Killed at any moment, it goes on from its last checkpoint.
 
     Args:
+        run: where its state lies, and its configuration.
         capture: with hair masks.
-        strand_count: strands N.
-        points: points L of a strand.
-        iterations: refinement steps.
-        seed: of roots, search and views.
-        width: of a strand, metres; :func:`strand_width` if not given.
-        progress: called with the step, their number (search and refinement together), and the loss of the stage.
-
-    Returns:
-        Strands in the head frame, metres, root first; the segments of a strand are nearly equal.
+        progress: where progress is shown.
+        console: where the rest is said.
 
     Raises:
         DynhairError: the capture has no hair masks, no hair in them, or neither a tracked mesh nor landmarks.
     """
-    scene = _RestScene.of(capture)
-    width = strand_width(strand_count) if width is None else width
-    searches = FIRST_POPULATION + GENERATIONS * POPULATION
-    total = searches + iterations
 
-    roots, normals = _roots(scene, strand_count, seed)
-    few = min(_SEARCH_STRANDS, strand_count)
-    chosen = torch.linspace(0, len(scene.views) - 1, min(_SEARCH_VIEWS, len(scene.views))).long().tolist()
-    parameters = search_groom(
-        roots[:few],
-        normals[:few],
-        scene.obstacle,
-        scene.gravity,
-        scene.body,
-        scene.views[chosen].resized(_SEARCH_IMAGE),
-        _TOTAL_WIDTH / few,
-        seed=seed,
-        progress=lambda tried, misfit: progress(tried, total, misfit),
-    )
-    strands = grow_strands(parameters, roots, normals, scene.obstacle, points, scene.gravity)
-    return refine_strands(
-        strands,
-        width,
-        scene.obstacle,
-        scene.body,
-        scene.views,
-        iterations=iterations,
-        seed=seed,
-        progress=lambda step, loss: progress(searches + step, total, loss),
-    )
+    def __init__(self, run: Run, capture: Capture, progress: StageProgress, console: Console) -> None:
+        self.run, self.progress, self.console = run, progress, console
+        self.config: StaticConfig = run.config.static
+        self.seed = run.config.training.seed
+        hair = run.config.hair
+        self.points, self.width = hair.points, strand_width(hair.strands)
+        self.scene = RestScene.of(capture, self.config.image_size)
+        self.prior = builtin_prior() if self.config.prior == "builtin" else HairPrior.load(Path(self.config.prior))
+        self.background = torch.from_numpy(capture.background).float()
 
+    def finish(self) -> Float[Tensor, "n 200 3"]:
+        """Do what is left of the stage.
 
-@dataclass(frozen=True)
-class _RestScene:
-    """The capture's rest frame in the head frame, metres."""
+        Returns:
+            Strands in the head frame, metres, root first, outside of the head; the segments of each nearly equal.
 
-    vertices: Float[Tensor, "v 3"]
-    faces: Tensor
-    scalp: Tensor
-    obstacle: MeshDistance
-    body: Gaussians
-    gravity: Float[Tensor, "3"]
-    views: RestViews
+        Raises:
+            KeyboardInterrupt: Ctrl-C was pressed; everything is saved.
+        """
+        with interruptible() as interruption:
+            if not self.run.moved_strands.exists():
+                start = self._started(interruption)
+                model = DisplacedHair(start)
+            else:
+                model = DisplacedHair(Checkpoint.read(self.run.moved_strands).model["hair.start"])
+            paint = self._optimise(model, "strands", self.config.iterations, self.run.moved_strands, interruption)
+        with torch.no_grad():
+            strands = _finished(model(POINTS), self.scene.obstacle)
+        self._preview(strands, paint)
+        return strands
 
-    @classmethod
-    def of(cls, capture: Capture) -> _RestScene:
-        surface = tracked_surface(capture)
-        segment, index = rest_frame(capture)
-        pose = head_pose(capture.track(segment), index)
-        views = rest_views(capture, segment.start + index, pose, largest=_LARGEST_IMAGE)
-        if not (views.hair > 0.5).any():
-            raise DynhairError(
-                "no view of the rest frame shows hair",
-                path=capture.path,
-                expected="hair masks with values up to 255 where there is hair",
-                mend="segment the hair of the first frame and write hair_*.png",
-            )
-        vertices = _to_head(surface.vertices(segment.start + index), pose)
-        faces = surface.faces
-        gravity = torch.from_numpy(capture.gravity).float() @ pose.rotation
-        return cls(
-            vertices=vertices,
-            faces=faces,
-            scalp=surface.scalp,
-            obstacle=MeshDistance(vertices, faces),
-            body=surface_gaussians(vertices, faces),
-            gravity=gravity,
-            views=views,
+    def _started(self, interruption: Interruption) -> Float[Tensor, "n 200 3"]:
+        """Where the strands begin: the file's groom, or what the encoders make of the views once trained on them."""
+        count = self.run.config.hair.strands
+        if self.run.hair_init is not None:
+            groom = groom_from_file(self.run.hair_init, self.scene, count, self.seed)
+            write_hair(groom, self.run.first_guess)
+            return groom
+        model = encoded_hair(self.scene, self.prior, count, self.seed)
+        with torch.no_grad():
+            write_hair(model(POINTS), self.run.first_guess)
+        self._optimise(model, "encoders", self.config.encoder_iterations, self.run.encoders, interruption)
+        with torch.no_grad():
+            return model(POINTS)
+
+    def _optimise(
+        self, model: EncodedHair | DisplacedHair, name: str, iterations: int, path: Path, interruption: Interruption
+    ) -> Paint:
+        """Train a model and the colours on the views, from the checkpoint if there is one."""
+        with torch.no_grad():
+            roots = model(2)[:, 0]
+        paint = self._paint(len(roots))
+        stage = nn.ModuleDict({"hair": model, "paint": paint})
+        groups = (
+            model.rates(self.config.encoder_rate)
+            if isinstance(model, EncodedHair)
+            else [
+                {"params": [model.shared], "lr": _RATE_SHARED},
+                {"params": [model.own], "lr": _RATE_OWN},
+            ]
+        )
+        optimizer = torch.optim.Adam([*groups, {"params": list(paint.parameters()), "lr": _RATE_PAINT}])
+        rates = [group["lr"] for group in optimizer.param_groups]
+        first = 0
+        if path.exists():
+            checkpoint = Checkpoint.read(path)
+            checkpoint.restore(stage, optimizer)
+            first = checkpoint.step
+        else:
+            Checkpoint.of(0, stage, optimizer).write(path)
+        objective = StaticObjective(
+            self.scene, roots, self.width, self.prior.basis, self.background, self.config, self.seed
+        )
+        shown = self.progress.stage(f"canonical hair: {name}", iterations, first)
+        for step in range(first, iterations):
+            for group, rate in zip(optimizer.param_groups, rates, strict=True):
+                group["lr"] = rate * 0.5 * (1 + math.cos(math.pi * step / iterations))
+            strands = model(self.points)
+            result = objective(strands, paint, step, iterations)
+            optimizer.zero_grad(set_to_none=True)
+            result.loss.backward()
+            optimizer.step()
+            done = step + 1
+            shown.update(done, f"loss {float(result.loss.detach()):.4f}")
+            finished = done == iterations
+            if done % self.config.checkpoint_every == 0 or finished or interruption.requested:
+                Checkpoint.of(done, stage, optimizer).write(path)
+                self._preview(strands.detach(), paint)
+            if interruption.requested and not finished:
+                self.console.print(f"Stopped after step {done} of the {name}; go on with --resume.", highlight=False)
+                raise KeyboardInterrupt
+        return paint
+
+    def _preview(self, strands: Float[Tensor, "n l 3"], paint: Paint) -> None:
+        picture = hairstyle_picture(strands, self.width, self.scene, paint, self.background)
+        write_preview(picture, self.run.hairstyle_preview)
+
+    def _paint(self, strands: int) -> Paint:
+        views = self.scene.views
+        hair = views.rgb[views.hair > 0.9]
+        body = views.rgb[torch.isfinite(self.scene.body_depth) & (views.hair < 0.1)]
+        grey = torch.full((3,), 0.3)
+        return Paint(
+            strands,
+            len(self.scene.body.means),
+            hair.mean(0) if len(hair) else grey,
+            body.mean(0) if len(body) else grey,
         )
 
 
-def _to_head(points: Tensor, pose: HeadPose) -> Tensor:
-    return (points - pose.translation) @ pose.rotation
+def _finished(strands: Float[Tensor, "n l 3"], obstacle: MeshDistance) -> Float[Tensor, "n l 3"]:
+    """Strands outside of the obstacle; their segments are equal but for the last push outwards."""
+    for _ in range(3):
+        smooth = smooth_strands(_outside(strands, obstacle))
+        strands = resample_strands(smooth, strands.shape[1])
+    return _outside(strands, obstacle)
 
 
-def _roots(scene: _RestScene, count: int, seed: int) -> tuple[Tensor, Tensor]:
-    """Positions and normals of roots, without those that are seen to grow no hair (supplement B)."""
-    sampled = sample_roots(scene.vertices, scene.faces, scene.scalp, 2 * count, seed)
-    positions, normals = sampled.positions(scene.vertices), sampled.normals(scene.vertices)
-    kept = torch.nonzero(~_bare(positions, normals, scene)).squeeze(1)[:count]
-    if len(kept) < count:
-        # Hardly any scalp grows hair: the hair is elsewhere than the scalp, and dropping roots would leave too few.
-        kept = torch.arange(count)
-    return positions[kept], normals[kept]
-
-
-def _bare(positions: Tensor, normals: Tensor, scene: _RestScene) -> Tensor:
-    """Which points of the scalp are in plain sight and in no view near any hair."""
-    depths = rasterize(scene.body, scene.views.cameras).depth
-    height, width = depths.shape[1:]
-    seen = torch.zeros(len(positions), dtype=torch.int64)
-    hairy = torch.zeros(len(positions), dtype=torch.bool)
-    for camera, depth, hair in zip(scene.views.cameras, depths, scene.views.hair, strict=True):
-        pixels, z = camera.project(positions)
-        inside = ((pixels >= 0) & (pixels < pixels.new_tensor([width, height]))).all(1) & (z > 0)
-        column, row = pixels.nan_to_num().long().clamp_min(0).unbind(1)
-        column, row = column.clamp_max(width - 1), row.clamp_max(height - 1)
-        facing = (normals * functional.normalize(camera.centre - positions, dim=1)).sum(1) > 0.3
-        visible = inside & facing & (z < depth[row, column] + _ROOT_DEPTH)
-        margin = max(1, round(_PARTING_MARGIN * float(camera.K[0, 0] / z.mean())))
-        near = functional.max_pool2d(hair[None], 2 * margin + 1, 1, margin)[0]
-        seen += visible
-        hairy |= visible & (near[row, column] > 0.5)
-    return (seen >= 2) & ~hairy
+def _outside(strands: Float[Tensor, "n l 3"], obstacle: MeshDistance) -> Float[Tensor, "n l 3"]:
+    free = push_out(strands[:, 1:].flatten(0, 1), obstacle, _CLEARANCE)
+    return torch.cat([strands[:, :1], free.view_as(strands[:, 1:])], 1)

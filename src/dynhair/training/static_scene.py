@@ -34,6 +34,19 @@ class HairImages:
     direction: Float[Tensor, "v h w 2"]
 
 
+@dataclass(frozen=True)
+class PaintedImages(HairImages):
+    """Hair and body in their colours.
+
+    Attributes:
+        rgb: colours before a black background.
+        alpha: coverage by hair and body in [0, 1].
+    """
+
+    rgb: Float[Tensor, "v h w 3"]
+    alpha: Float[Tensor, "v h w"]
+
+
 def surface_gaussians(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"]) -> Gaussians:
     """A mesh as flat, opaque Gaussians without hair: one for each triangle, large triangles being divided first.
 
@@ -72,20 +85,41 @@ def render_hair(
     strands: Float[Tensor, "n l 3"], width: float, body: Gaussians, cameras: Sequence[Camera]
 ) -> HairImages:
     """Draw strands of the given width, metres, together with the body that hides some of them."""
+    scene = _scene(strands, width, body, cameras, None)
+    images = rasterize(scene, cameras).features
+    return HairImages(images[..., 0], images[..., 1:])
+
+
+def render_painted_hair(
+    strands: Float[Tensor, "n l 3"],
+    width: float,
+    body: Gaussians,
+    cameras: Sequence[Camera],
+    hair_colours: Float[Tensor, "g 3"],
+    body_colours: Float[Tensor, "b 3"],
+) -> PaintedImages:
+    """Draw strands and body as :func:`render_hair` does, in the colours of their Gaussians."""
+    scene = _scene(strands, width, body, cameras, torch.cat([hair_colours, body_colours]))
+    images = rasterize(scene, cameras)
+    return PaintedImages(images.features[..., 0], images.features[..., 1:3], images.features[..., 3:], images.alpha)
+
+
+def _scene(
+    strands: Tensor, width: float, body: Gaussians, cameras: Sequence[Camera], colours: Tensor | None
+) -> Gaussians:
     hair = strand_gaussians(strands, width)
     features = []
     for camera in cameras:
         direction = projected_orientation(hair.means, hair.directions, camera)
-        features.append(torch.cat([torch.cat([torch.ones_like(direction[:, :1]), direction], 1), body.features]))
-    scene = Gaussians(
+        channels = torch.cat([torch.cat([torch.ones_like(direction[:, :1]), direction], 1), body.features])
+        features.append(channels if colours is None else torch.cat([channels, colours], 1))
+    return Gaussians(
         means=torch.cat([hair.means, body.means]),
         quats=torch.cat([hair.quats, body.quats]),
         scales=torch.cat([hair.scales, body.scales]),
         opacities=torch.cat([torch.ones_like(hair.means[:, 0]), body.opacities]),
         features=torch.stack(features),
     )
-    images = rasterize(scene, cameras).features
-    return HairImages(images[..., 0], images[..., 1:])
 
 
 def _quartered(corners: Tensor) -> Tensor:

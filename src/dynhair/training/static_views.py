@@ -16,7 +16,6 @@ from dynhair.capture import Capture, View
 from dynhair.strands import encode_orientation
 from dynhair.training.frames import hair_mask
 
-
 _HELD_OUT = 8
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
 import torch
 from jaxtyping import Float
@@ -21,7 +23,8 @@ from dynhair.config import Config, LearningRates
 from dynhair.errors import DynhairError
 from dynhair.motion import SignalNormalizer, motion_signals
 from dynhair.progress import StageProgress
-from dynhair.strands import Roots
+from dynhair.strands import Roots, resample_strands
+from dynhair.strands.files import read_strands
 from dynhair.threads import keep_large_blocks, large_pieces
 from dynhair.training.batches import Batches, load_batch
 from dynhair.training.checkpoint import Checkpoint
@@ -30,8 +33,11 @@ from dynhair.training.head_start import fit_tracking, start_head
 from dynhair.training.interruption import interruptible
 from dynhair.training.objective import JointObjective
 from dynhair.training.previews import preview_picture, write_preview
-from dynhair.training.run import Run
-from dynhair.training.static_hair import fit_canonical_hair, strand_width
+from dynhair.training.run import Run, read_hair, write_hair
+from dynhair.training.static_hair import StaticStage, strand_width
+
+StageName = Literal["static", "dynamic"]
+STAGES: tuple[StageName, ...] = ("static", "dynamic")
 
 GRADIENT_NORM = 1.0  # of the deformer: a step early in training cannot throw the hair far
 
@@ -41,9 +47,11 @@ def train(
     out: Path | str,
     config: Config | None = None,
     *,
+    stages: Sequence[StageName] = STAGES,
+    hair_init: Path | str | None = None,
     resume: bool = False,
     console: Console | None = None,
-) -> Avatar:
+) -> Avatar | None:
     """Train an avatar on a capture.
 
     Every state of the run lies in ``out``: after a kill at any moment, ``resume`` goes on and ends with the same avatar
@@ -53,11 +61,15 @@ def train(
         capture: the capture's folder; training reads its training segments alone, and never its ground truth.
         out: the run's folder; the avatar is written to its ``avatar``.
         config: sizes, iterations, weights; preset ``small`` by default. A resumed run keeps its own.
+        stages: ``static`` makes the canonical hair, ``dynamic`` the avatar; after ``static`` alone the run can be gone
+            on with.
+        hair_init: a groom to start the canonical hair from, in any of the formats of :mod:`dynhair.strands.files`, in
+            the place of the strand prior's guess.
         resume: go on with the run in ``out``.
         console: where progress is shown.
 
     Returns:
-        The trained avatar.
+        The trained avatar; None if the dynamic stage is not asked for.
 
     Raises:
         DynhairError: the capture does not have what training needs, or ``out`` is taken, or is no run to resume.
@@ -71,10 +83,16 @@ def train(
                 f"the run was trained on {run.capture}", path=out, expected=str(data.path), mend="name that capture"
             )
     else:
-        run = Run.create(out, data.path, _with_precision(config or Config()))
+        if hair_init is not None:
+            read_strands(Path(hair_init))  # an unreadable groom is refused before there is a run
+        run = Run.create(
+            out, data.path, _with_precision(config or Config()), None if hair_init is None else Path(hair_init)
+        )
     keep_large_blocks()
     with large_pieces(), StageProgress(console).shown() as progress:
-        return _Training(run, data, progress, console).finish()
+        training = _Training(run, data, progress, console)
+        strands = training.canonical_hair()
+        return training.finish(strands) if "dynamic" in stages else None
 
 
 def _with_precision(config: Config) -> Config:
@@ -96,8 +114,9 @@ class _Training:
         self.fabric = Fabric(accelerator="auto", devices=1)
         self._precision = {"bfloat16": torch.bfloat16}.get(self.config.training.precision)
 
-    def finish(self) -> Avatar:
-        avatar, points, checkpoint = self._start()
+    def finish(self, strands: Float[Tensor, "n l 3"]) -> Avatar:
+        """The dynamic stage, beginning with the canonical hair."""
+        avatar, points, checkpoint = self._start(strands)
         avatar.to(self.fabric.device)
         objective = JointObjective(avatar, self.capture, self.segments, points, self.config.training)
         self._train_jointly(objective, checkpoint)
@@ -105,12 +124,8 @@ class _Training:
         avatar.save(self.run.avatar)
         return avatar
 
-    def _start(self) -> tuple[Avatar, Roots, Checkpoint | None]:
+    def _start(self, strands: Tensor) -> tuple[Avatar, Roots, Checkpoint | None]:
         """The avatar before the joint training, or as the checkpoint left it."""
-        strands = self.run.read_canonical_hair()
-        if strands is None:
-            strands = self._canonical_hair()
-            self.run.write_canonical_hair(strands)
         seed = self.config.training.seed
         head, points = start_head(self.capture, self.config.head, seed)
         use_precision(head, self._precision)
@@ -128,26 +143,23 @@ class _Training:
                 progress=lambda step, _, error: stage.update(step, f"{error * 1e3:.1f} mm"),
             )
         torch.manual_seed(seed + 1)
+        strands = resample_strands(strands, self.config.hair.points)
         hair = Hair(strands, strand_width(len(strands)), self._hair_colour(), self.config.hair.deformer)
         use_precision(hair, self._precision)
         normalizer = SignalNormalizer.fit([motion_signals(self.capture.track(s)) for s in self.segments])
         background = torch.from_numpy(self.capture.background).float()
         return Avatar(hair, head, normalizer, background), points, checkpoint
 
-    def _canonical_hair(self) -> Float[Tensor, "n l 3"]:
-        hair = self.config.hair
-        segment, index = rest_frame(self.capture)
-        if self.capture.view(segment.start + index, self.capture.camera_names[0]).orientation is None:
-            self.console.print("No orientation maps: strands follow the silhouettes alone.", highlight=False)
-        stage = self.progress.stage("canonical hair", 1)
-        return fit_canonical_hair(
-            self.capture,
-            strand_count=hair.strands,
-            points=hair.points,
-            iterations=hair.static_iterations,
-            seed=self.config.training.seed,
-            progress=lambda step, total, loss: stage.update(step, f"loss {loss:.4f}", total=total),
-        )
+    def canonical_hair(self) -> Float[Tensor, "n 200 3"]:
+        """The static stage's strands, head frame, metres."""
+        strands = read_hair(self.run.canonical_hair)
+        if strands is None:
+            segment, index = rest_frame(self.capture)
+            if self.capture.view(segment.start + index, self.capture.camera_names[0]).orientation is None:
+                self.console.print("No orientation maps: strands follow the silhouettes alone.", highlight=False)
+            strands = StaticStage(self.run, self.capture, self.progress, self.console).finish()
+            write_hair(strands, self.run.canonical_hair)
+        return strands
 
     def _hair_colour(self) -> Float[Tensor, "3"]:
         """The mean colour of pixels that are all hair, in the rest frame."""

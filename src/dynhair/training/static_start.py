@@ -1,0 +1,61 @@
+"""Where the static stage's strands begin: the strand prior's guess, or a groom from a file."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from dynhair.prior.evidence import gather_evidence
+from dynhair.prior.hair_prior import HairPrior
+from dynhair.strands import texture_roots
+from dynhair.strands.files import read_strands
+from dynhair.training.rest_scene import RestScene
+from dynhair.training.static_model import POINTS, EncodedHair
+
+
+def encoded_hair(scene: RestScene, prior: HairPrior, count: int, seed: int) -> EncodedHair:
+    """Hair that a copy of the prior makes of the scene's views.
+
+    Args:
+        scene: the rest frame.
+        prior: basis and encoders.
+        count: strands.
+        seed: of their roots.
+    """
+    views = scene.views
+    evidence = gather_evidence(scene.frame, views.cameras, views.hair, views.direction, scene.body_depth)
+    _, texels = texture_roots(scene.vertices, scene.faces, scene.scalp, scene.frame, prior.size)
+    valid = torch.zeros(prior.size, prior.size, dtype=torch.bool)
+    valid.view(-1)[texels] = True
+    positions, _ = scene.roots(count, seed)
+    return EncodedHair(copy.deepcopy(prior), evidence, valid, scene.frame, positions)
+
+
+def groom_from_file(path: Path, scene: RestScene, count: int, seed: int) -> Float[Tensor, "n 200 3"]:
+    """The groom in a file, brought to this head, with ``count`` strands.
+
+    A denser groom is thinned out at random; of a sparser one, roots drawn on the scalp take the nearest strand.
+
+    Args:
+        path: in one of the formats of :mod:`dynhair.strands.files`.
+        scene: the rest frame.
+        count: strands.
+        seed: of the draws.
+
+    Raises:
+        DynhairError: the file is not readable, or its roots do not lie on a scalp like this one.
+    """
+    from dynhair.strands.fitting import fit_to_scalp
+
+    groom = read_strands(path).resampled(POINTS)
+    fitted = fit_to_scalp(groom, scene.vertices, scene.faces, scene.scalp).strands
+    if len(fitted) >= count:
+        generator = torch.Generator().manual_seed(seed)
+        return fitted[torch.randperm(len(fitted), generator=generator)[:count]]
+    positions, _ = scene.roots(count, seed)
+    nearest = torch.cdist(positions, fitted[:, 0]).argmin(1)
+    return positions[:, None] + fitted[nearest] - fitted[nearest, :1]
