@@ -27,7 +27,6 @@ class Combing:
     Attributes:
         combed: direction in which the comb drew it, to be laid into the scalp's tangent plane.
         fall: direction in which it falls beside head and neck.
-        lean: what is added to that below the jaw, where hair parts before and behind the shoulders.
         side: -1 on the subject's right of the parting, 1 on the left.
         fringe: 1 where the root belongs to the fringe, else 0.
         tie: where its place in the tie is, metres.
@@ -36,7 +35,6 @@ class Combing:
 
     combed: Float[Tensor, "n 3"]
     fall: Float[Tensor, "n 3"]
-    lean: Float[Tensor, "n 3"]
     side: Float[Tensor, " n"]
     fringe: Float[Tensor, " n"]
     tie: Float[Tensor, "n 3"]
@@ -59,8 +57,11 @@ def comb(style: Style, roots: Float[Tensor, "n 3"], frame: ScalpFrame, field: He
     # A parting ends at the crown; behind it the sides pass into each other.
     side = before * clean + (1 - before) * torch.tanh(x / 0.25)
 
-    sideways = torch.stack([style.parted * side, torch.zeros_like(x), torch.full_like(x, -style.sweep)], dim=1)
-    away = -CROWN + 0.3 * style.parted * _along(0, torch.tanh(x / 0.25))
+    # Front hair that has far to go past the face is combed over the top rather than along the forehead.
+    far = (0.5 - x * side).clamp(0, 1.0) * _smoothstep((z - 0.3) / 0.5)
+    over = style.parted * far
+    sideways = torch.stack([style.parted * side, over, -style.sweep - over], dim=1)
+    away = _along(0, 0.1 * style.parted * x) + torch.tensor([0.0, -1.0, -0.5])
     combed = before[:, None] * sideways + (1 - before[:, None]) * away
     combed = (1 - style.whorl) * combed + style.whorl * -CROWN
     drift = torch.stack([smooth_noise(roots, 0.4, style.seed, channel) for channel in (3, 4, 5)], dim=1)
@@ -68,20 +69,27 @@ def comb(style: Style, roots: Float[Tensor, "n 3"], frame: ScalpFrame, field: He
 
     edge = 0.04 * smooth_noise(roots, 0.15, style.seed, 6)
     narrowing = (1 - _smoothstep((style.fringe_depth + 0.45 - z) / 0.45) * 0.6) * style.fringe_width
-    fringe = ((x.abs() + edge < narrowing) & (z + edge > style.fringe_depth)).float()
+    fringe = ((x.abs() + edge < narrowing) & (z + edge > style.fringe_depth) & (narrowing > 0)).float()
     forwards = torch.stack([0.25 * x + style.fringe_aside, -0.3 * torch.ones_like(x), torch.ones_like(x)], dim=1)
     combed = torch.where(fringe.bool()[:, None], functional.normalize(forwards, dim=1), combed)
 
-    forward = torch.tanh((z - style.divide) / 0.12)
-    slope = torch.where(forward > 0, style.front, style.back) * forward
     fall = functional.normalize(_along(0, style.flare * x) - torch.tensor([0.0, 1.0, 0.0]), dim=1)
     tie, tail = _tie(style, roots, frame, field)
-    return Combing(combed, fall, _along(2, slope), clean, fringe, tie, tail)
+    return Combing(combed, fall, clean, fringe, tie, tail)
+
+
+def leaning(style: Style, here: Float[Tensor, "n 3"]) -> Float[Tensor, "n 1"]:
+    """How much hair at places in scalp units leans forwards, to hang before the shoulders, or backwards."""
+    _, y, z = here.split(1, dim=1)
+    forward = torch.tanh((z - style.divide) / 0.12)
+    # Hair is brought forward beside the ears already.
+    slope = torch.where(forward > 0, style.front * lean_share(y - 0.6), style.back * lean_share(y))
+    return slope * forward
 
 
 def lean_share(heights: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
-    """How much of the lean acts at a height, scalp units: nothing beside the face, all below the jaw."""
-    return _smoothstep((_JAW + 0.3 - heights) / 0.6)
+    """How near to the shoulders a height is, scalp units: 0 beside the face, 1 below the jaw."""
+    return _smoothstep((_JAW + 0.6 - heights) / 0.6)
 
 
 def _tie(style: Style, roots: Tensor, frame: ScalpFrame, field: HeadField) -> tuple[Tensor, Tensor]:

@@ -51,7 +51,8 @@ _COILY: dict[str, Range] = {
     "parted": 0.0,
     "whorl": 1.0,
     "stand": (0.75, 1.0),
-    "fall": (0.5, 1.0),
+    "opening": 0.0,
+    "fall": (0.25, 0.7),
     "stiffness": (0.03, 0.06),
     "lift": (0.6, 1.5),
     "hem": 10.0,
@@ -60,7 +61,13 @@ _MIDDLE: dict[str, Range] = {"parting": (-0.06, 0.06), "sweep": (0.3, 0.8), "fal
 _SIDE: dict[str, Range] = {"parting": (0.25, 0.5), "sweep": (0.4, 1.0), "fall": (0.1, 0.18)}
 _LONG: dict[str, Range] = {"length": (0.5, 0.75), "hem": (0.3, 0.5), "thickness": (0.008, 0.02)}
 _MEDIUM: dict[str, Range] = {"length": (0.3, 0.42), "hem": (0.16, 0.27)}
-_BOB: dict[str, Range] = {"length": (0.26, 0.32), "hem": (0.08, 0.15), "thickness": (0.01, 0.022)}
+_BOB: dict[str, Range] = {
+    "length": (0.26, 0.32),
+    "hem": (0.08, 0.15),
+    "thickness": (0.01, 0.022),
+    "front": (0.0, 0.08),
+    "back": (0.0, 0.05),
+}
 _TIED: dict[str, Range] = {
     "tied": 1.0,
     "parted": 0.0,
@@ -84,6 +91,7 @@ _RECIPES: dict[str, dict[str, Range]] = {
         "fringe_depth": (0.4, 0.6),
         "fringe_hem": (-0.005, 0.02),
         "fringe_aside": (-0.3, 0.3),
+        "sweep": (0.8, 1.4),
     },
     "long_wavy_middle": _LONG | _WAVY | _MIDDLE,
     "long_layered_side": _LONG
@@ -94,13 +102,13 @@ _RECIPES: dict[str, dict[str, Range]] = {
     "medium_wavy_side": _MEDIUM | _WAVY | _SIDE,
     "medium_straight_back": _STRAIGHT
     | _MEDIUM
-    | {"parted": (0.0, 0.15), "sweep": (1.0, 1.5), "fall": (0.16, 0.24), "thickness": (0.008, 0.018)},
+    | {"parted": (0.0, 0.15), "sweep": (1.0, 1.5), "fall": (0.18, 0.3), "thickness": (0.008, 0.018)},
     "bob_straight": _STRAIGHT | _BOB | _MIDDLE | {"parting": (-0.45, 0.45), "hem_forward": (-0.1, 0.4)},
     "bob_fringe": _STRAIGHT
     | _BOB
     | _MIDDLE
-    | {"fringe_width": (0.55, 0.75), "fringe_depth": (0.35, 0.55), "fringe_hem": (-0.01, 0.015)},
-    "bob_wavy_asymmetric": _BOB | _WAVY | _SIDE | {"hem_aslant": (-0.9, -0.4), "wave_amplitude": (0.004, 0.008)},
+    | {"fringe_width": (0.55, 0.75), "fringe_depth": (0.35, 0.55), "fringe_hem": (-0.01, 0.015), "sweep": (0.8, 1.4)},
+    "bob_wavy_asymmetric": _BOB | _WAVY | _SIDE | {"hem_aslant": (-0.7, -0.3), "wave_amplitude": (0.004, 0.008)},
     "ponytail_low": _STRAIGHT | _TIED | {"tie_height": (-0.45, 0.0), "tie_side": (-0.1, 0.1)},
     "ponytail_wavy": _WAVY
     | _TIED
@@ -112,7 +120,8 @@ _RECIPES: dict[str, dict[str, Range]] = {
         "hem": 10.0,
         "parted": 0.0,
         "whorl": (0.7, 1.0),
-        "stand": (0.15, 0.5),
+        "stand": (0.1, 0.35),
+        "opening": 0.0,
         "fall": (0.1, 0.3),
         "thickness": (0.004, 0.012),
         "lift": (0.3, 0.8),
@@ -120,15 +129,15 @@ _RECIPES: dict[str, dict[str, Range]] = {
     },
     "undercut": _STRAIGHT
     | {
-        "length": (0.08, 0.14),
+        "length": (0.06, 0.12),
         "hem": 10.0,
-        "parted": (0.0, 0.8),
+        "parted": (0.0, 0.5),
         "parting": (0.4, 0.5),
         "sweep": (0.8, 1.2),
-        "fall": (0.14, 0.2),
+        "fall": (0.25, 0.4),
         "thickness": (0.008, 0.015),
         "side_length": (0.005, 0.012),
-        "side_height": (0.2, 0.45),
+        "side_height": (0.3, 0.6),
         "lift": (0.8, 1.6),
         "length_noise": (0.05, 0.1),
     },
@@ -139,21 +148,22 @@ _RECIPES: dict[str, dict[str, Range]] = {
         "parted": 0.0,
         "whorl": 1.0,
         "stand": (0.3, 0.6),
+        "opening": 0.0,
         "fall": (0.1, 0.16),
         "wave_amplitude": (0.005, 0.008),
         "wave_length": (0.025, 0.04),
     },
     "coily_short": _COILY | {"length": (0.02, 0.045), "thickness": (0.004, 0.01)},
-    "coily_volume": _COILY | {"length": (0.06, 0.11), "thickness": (0.01, 0.02)},
+    "coily_volume": _COILY | {"length": (0.05, 0.09), "thickness": (0.01, 0.02)},
 }
 
 FAMILIES: tuple[str, ...] = tuple(_RECIPES)
 HELD_OUT: tuple[str, ...] = ("long_layered_side", "bob_wavy_asymmetric", "ponytail_high", "coily_volume")
 
 _DRAPES = (
-    {"divide": (-0.1, 0.2), "front": (0.1, 0.25), "back": (0.1, 0.25)},
+    {"divide": (-0.25, 0.1), "front": (0.2, 0.5), "back": (0.1, 0.25)},
     {"divide": 2.0, "back": (0.15, 0.35)},
-    {"divide": (-0.6, -0.3), "front": (0.15, 0.3), "back": (0.1, 0.2)},
+    {"divide": (-0.6, -0.3), "front": (0.3, 0.6), "back": (0.1, 0.2)},
 )
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
 
-from dynhair.hairstyles.combing import Combing, lean_share
+from dynhair.hairstyles.combing import Combing, lean_share, leaning
 from dynhair.hairstyles.head_field import HeadField
 from dynhair.hairstyles.noise import strand_random
 from dynhair.hairstyles.style import Style
@@ -68,13 +68,14 @@ def grow_courses(
         moved = here + step[:, None] * heading
         distance, outwards = field.query(moved)
         target = clearance[:, index + 1]
-        moved = moved + ((target - distance).clamp_min(0) - hug * (distance - target).clamp_min(0))[:, None] * outwards
-        if not style.tied:
+        away = (target - distance).clamp_min(0) - hug * (distance - target).clamp_min(0)
+        moved = moved + away[:, None] * _across_shoulders(outwards, frame.to_scalp(moved))
+        if not style.tied and style.opening > 0:
             moved = torch.where(free, _beside_the_face(style, combing, moved, step, frame), moved)
         heading = functional.normalize(moved - here, dim=1)
         here = here + step[:, None] * heading
         courses.append(here)
-    return _settled(torch.stack(courses, dim=1), clearance, field)
+    return _settled(torch.stack(courses, dim=1), clearance, frame, field)
 
 
 def _clearance(style: Style, travelled: Tensor, spread: Tensor) -> Tensor:
@@ -88,16 +89,31 @@ def _combed(
     """The direction of a strand's next step, and how closely it keeps to the head."""
     touching = _smoothstep((style.thickness * 2 + 0.02 - distance) / 0.02)[:, None]
     flat = combing.combed - (combing.combed * outwards).sum(1, keepdim=True) * outwards
-    flat = functional.normalize(flat, dim=1)
-    combed = functional.normalize((1 - style.stand) * flat + style.stand * outwards, dim=1)
-    falling = combing.fall + lean_share(here[:, 1:2]) * combing.lean
+    combed = (1 - style.stand) * flat + style.stand * outwards
+    lean = leaning(style, here) * (here.new_tensor([0.0, 0.0, 1.0]))
+    # Hair that has come down on one side of a shoulder stays there.
+    astray = touching * lean_share(here[:, 1:2]) * (outwards[:, 2:] * lean[:, 2:] < -0.05).float()
+    falling = combing.fall + (1 - astray) * lean
     inwards = (falling * outwards).sum(1, keepdim=True).clamp_max(0)
     falling = falling - touching * inwards * outwards
-    # On a shoulder gravity no longer tells where to.
-    falling = falling + (touching * -inwards * lean_share(here[:, 1:2])) * combing.lean.sign()
-    yielded = _smoothstep(travelled / style.fall)[:, None]
-    hug = (1 - yielded[:, 0]) * (1 - style.stand) * touching[:, 0]
-    return (1 - yielded) * combed + yielded * falling, hug
+    # A shoulder bears the hair up: it slides off before or behind it, not along the arm.
+    resting = (2 * touching * -inwards * lean_share(here[:, 1:2])).clamp_max(1)
+    slope = functional.normalize(outwards * outwards.new_tensor([0.0, 1.0, 1.0]), dim=1)
+    sliding = slope[:, 1:2] * slope - torch.tensor([0.0, 1.0, 0.0])
+    sliding = functional.normalize(sliding + 0.3 * (1 - astray) * lean.sign(), dim=1)
+    falling = (1 - resting) * falling + resting * sliding
+    # Hair that was combed uphill or past the face lies on hair that bears it, until it is over the top.
+    above = outwards[:, 1] + 0.4 * here[:, 2]
+    uphill = _smoothstep(-(flat * falling).sum(1) / 0.2) * _smoothstep((above - 0.1) / 0.3)
+    facing = _smoothstep((style.opening + 0.1 - here[:, 0] * combing.side) / 0.3) * _smoothstep(
+        (here[:, 2] - 0.35) / 0.3
+    )
+    on_scalp = touching * _smoothstep((here[:, 1:2] + 0.4) / 0.4)
+    borne = on_scalp * torch.maximum(uphill, facing * (style.opening > 0))[:, None] * (1 - style.stand)
+    yielded = _smoothstep(travelled / style.fall)[:, None] * (1 - borne)
+    hug = (1 - yielded[:, 0]) * touching[:, 0] * max(0.0, 1 - 2 * style.stand)
+    # Some gravity from the start: where the comb pointed away from the scalp, its direction along it means nothing.
+    return (1 - yielded) * combed + (yielded + 0.15 * (1 - yielded) * (1 - borne)) * falling, hug
 
 
 def _tied(
@@ -124,18 +140,30 @@ def _tied(
 def _beside_the_face(style: Style, combing: Combing, points: Tensor, step: Tensor, frame: ScalpFrame) -> Tensor:
     """Points moved sideways until they leave the face free, softly."""
     x, y, z = frame.to_scalp(points).unbind(1)
-    width = style.opening * _smoothstep((0.45 - y) / 0.6) * _smoothstep((z - 0.4) / 0.35)
-    missing = (width - x * combing.side).clamp_min(0) * frame.radius
-    moved = points[:, 0] + combing.side * torch.minimum(missing, 0.6 * step)
-    return torch.cat([moved[:, None], points[:, 1:]], dim=1)
+    before = _smoothstep((0.7 - y) / 0.6) * _smoothstep((z - 0.35) / 0.35)
+    width = style.opening + 0.6 * (z - 0.6).clamp_min(0)
+    missing = before * (width * before - x * combing.side).clamp_min(0) * frame.radius
+    way = torch.stack([combing.side, torch.zeros_like(x), torch.full_like(x, -0.7)], dim=1)
+    return points + torch.minimum(missing, 0.4 * step)[:, None] * way
 
 
-def _settled(courses: Tensor, clearance: Tensor, field: HeadField) -> Tensor:
+def _across_shoulders(outwards: Tensor, here: Tensor) -> Tensor:
+    """Ways out of the body that, below the jaw, do not lead out along the arms."""
+    sideways = 1 - 0.8 * lean_share(here[..., 1:2])
+    damped = outwards * torch.cat([sideways, torch.ones_like(here[..., 1:])], dim=-1)
+    return damped / (damped * outwards).sum(-1, keepdim=True).clamp_min(0.3)
+
+
+def _settled(courses: Tensor, clearance: Tensor, frame: ScalpFrame, field: HeadField) -> Tensor:
     """Even out kinks, without letting go of the body."""
     for _ in range(_SETTLING):
         inner = 0.25 * courses[:, :-2] + 0.5 * courses[:, 1:-1] + 0.25 * courses[:, 2:]
         courses = torch.cat([courses[:, :1], inner, courses[:, -1:]], dim=1)
-        courses = torch.cat([courses[:, :1], field.push_out(courses[:, 1:], clearance[:, 1:])], dim=1)
+        distance, outwards = field.query(courses[:, 1:])
+        away = (clearance[:, 1:] - distance).clamp_min(0)[..., None] * _across_shoulders(
+            outwards, frame.to_scalp(courses[:, 1:])
+        )
+        courses = torch.cat([courses[:, :1], courses[:, 1:] + away], dim=1)
     return courses
 
 

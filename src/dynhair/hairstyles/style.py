@@ -33,7 +33,7 @@ class Style:
 
         lift: how strongly strands leave the scalp upwards at their roots.
         thickness: depth of the hair's body where strands have run along the head for long.
-        divide: z, scalp units, of the roots that part into hair before and behind the shoulders.
+        divide: z, scalp units, beside the neck, of the line that parts hair before and behind the shoulders.
         front: slope by which the former leans forwards below the jaw.
         back: slope by which the latter leans backwards there.
         flare: slope by which all hair leans outwards.

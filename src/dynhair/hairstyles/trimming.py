@@ -28,8 +28,8 @@ def grown_lengths(style: Style, combing: Combing, roots: Float[Tensor, "n 3"]) -
     own = 2 * strand_random(roots, style.seed, 20) - 1
     length = style.length * (1 + style.length_noise * (own + smooth_noise(roots, 0.5, style.seed, 21)))
     length = torch.where(combing.fringe > 0, length.clamp_max(_FRINGE), length)
-    # Higher at the temples than at the nape, as clippers go.
-    height = roots[:, 1] - 0.25 * roots[:, 2] - style.side_height
+    # The front stays long down to the forehead, as clippers go.
+    height = roots[:, 1] + 0.35 * roots[:, 2] - style.side_height
     above = ((height + 0.03 * own) / _FADE).clamp(0, 1)
     return (above * length + (1 - above) * min(style.side_length, style.length)).clamp_min(_SHORTEST)
 
