@@ -109,6 +109,10 @@ class StandInAvatar:
     def __init__(self, error: float = 0.05, share: float = 0.5) -> None:
         self.error, self.share = error, share
 
+    @property
+    def canonical_strands(self) -> Tensor:
+        return torch.from_numpy(rest_strands()).float()
+
     def pose(self, track: HeadTrack, frame: int, *, rigid_hair: bool = False) -> StandInPose:
         identity = int(track.expressions[frame, 0])
         local = rest_strands() + (0.0 if rigid_hair else self.share) * true_shift(identity)

@@ -42,16 +42,17 @@ def test_an_evaluation_writes_figures_videos_and_a_sheet(tmp_path: Path) -> None
         "test_stop.mp4",
     ]
     written = read_json(tmp_path / "out" / "metrics.json")
+    assert evaluation.motion is not None
     assert written["avatar"] == "head.avatar"
-    assert written["psnr"] == evaluation.avatar.values["psnr"]
+    assert written["psnr"] == evaluation.motion.avatar.values["psnr"]
     assert count_frames(tmp_path / "out" / "test_stop.mp4") == 4
     assert count_frames(tmp_path / "out" / "test_nod.mp4") == 3
     with Image.open(tmp_path / "out" / "contact_sheet.png") as sheet:
         assert sheet.width > 6 * 52
     printed = output.getvalue()
     assert "stop (test)" in printed
-    assert format_figure(evaluation.avatar.values["psnr"], 2) in printed
-    assert format_figure(evaluation.rigid.values["psnr"], 2) in printed
+    assert format_figure(evaluation.motion.avatar.values["psnr"], 2) in printed
+    assert format_figure(evaluation.motion.rigid.values["psnr"], 2) in printed
     assert all(f"wrote {tmp_path / 'out' / name}" in printed for name in ("metrics.json", "test_nod.mp4"))
 
 

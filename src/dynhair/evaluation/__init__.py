@@ -2,10 +2,12 @@
 
 from dynhair.evaluation.figures import DEFINITIONS, Figures
 from dynhair.evaluation.hair_motion import HairMotion, motion_explained
+from dynhair.evaluation.hairstyle import HairstyleEvaluation, HairstyleScores, evaluate_hairstyles, hairstyle_scores
 from dynhair.evaluation.metrics import psnr, silhouette, silhouette_iou, ssim
 from dynhair.evaluation.protocol import DrivenHead, EvaluatedFrame, Evaluation, SegmentFigures, evaluate_avatar
-from dynhair.evaluation.report import evaluation_table
-from dynhair.evaluation.run import render_motion, run_evaluation
+from dynhair.evaluation.report import evaluation_table, hairstyle_table
+from dynhair.evaluation.run import RunEvaluation, render_motion, run_evaluation
+from dynhair.evaluation.strand_scores import StrandScore, strand_scores
 from dynhair.evaluation.video import video_writer
 
 __all__ = [
@@ -15,9 +17,16 @@ __all__ = [
     "Evaluation",
     "Figures",
     "HairMotion",
+    "HairstyleEvaluation",
+    "HairstyleScores",
+    "RunEvaluation",
     "SegmentFigures",
+    "StrandScore",
     "evaluate_avatar",
+    "evaluate_hairstyles",
     "evaluation_table",
+    "hairstyle_scores",
+    "hairstyle_table",
     "motion_explained",
     "psnr",
     "render_motion",
@@ -25,5 +34,6 @@ __all__ = [
     "silhouette",
     "silhouette_iou",
     "ssim",
+    "strand_scores",
     "video_writer",
 ]

@@ -88,6 +88,52 @@ class HairstyleScores:
         return asdict(self)
 
 
+@dataclass(frozen=True)
+class HairstyleEvaluation:
+    """The hair at rest of one capture, at several stages of its making.
+
+    Attributes:
+        scores: by name of the stage, in their order.
+        protocol: what was held against what, in words.
+    """
+
+    scores: Mapping[str, HairstyleScores]
+    protocol: Mapping[str, str]
+
+    def to_json(self) -> dict[str, Any]:
+        """Lay out each stage's figures by its name, and beside them protocol and definitions."""
+        return {
+            **{name: scores.to_json() for name, scores in self.scores.items()},
+            "protocol": dict(self.protocol),
+            "definitions": dict(HAIRSTYLE_DEFINITIONS),
+        }
+
+
+def evaluate_hairstyles(capture: Capture, hairstyles: Mapping[str, Float[Tensor, "_ _ 3"]]) -> HairstyleEvaluation:
+    """Score several hairstyles of one person, each drawn at the width that training gives as many strands.
+
+    Args:
+        capture: with hair masks.
+        hairstyles: by name, head frame, metres.
+
+    Raises:
+        DynhairError: the capture has no hair masks, or neither a tracked mesh nor landmarks.
+    """
+    scores = {name: hairstyle_scores(capture, strands) for name, strands in hairstyles.items()}
+    segment, index = rest_frame(capture)
+    truth = true_hairstyle(capture, segment.start + index)
+    sizes = (f"{name} {len(strands)} strands of {strands.shape[1]} points" for name, strands in hairstyles.items())
+    return HairstyleEvaluation(
+        scores,
+        {
+            "frame": f"{segment.start + index}, and the static views",
+            "held_out": "every eighth static view, which training never sees",
+            "hairstyles": "; ".join(sizes),
+            "true_strands": "none" if truth is None else f"all {len(truth)} of {truth.shape[1]} points",
+        },
+    )
+
+
 @torch.no_grad()
 def hairstyle_scores(
     capture: Capture, strands: Float[Tensor, "n l 3"], *, width: float | None = None

@@ -7,6 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from dynhair.evaluation.figures import Figures
+from dynhair.evaluation.hairstyle import HairstyleEvaluation, HairstyleScores
 from dynhair.evaluation.protocol import Evaluation
 
 COLUMNS = {
@@ -35,6 +36,38 @@ def evaluation_table(evaluation: Evaluation) -> Group:
         _add_rows(table, f"{part.segment.name} ({part.segment.split})", part.avatar, part.rigid)
     _add_rows(table, ALL_TEST_SEGMENTS, evaluation.avatar, evaluation.rigid, style="bold")
     return Group(table, *_notes(evaluation))
+
+
+def hairstyle_table(evaluation: HairstyleEvaluation) -> Group:
+    """Tabulate the hair at rest, a column for each stage of its making, and say why figures are missing."""
+    columns = list(evaluation.scores.values())
+    table = Table(box=None, pad_edge=False, collapse_padding=True, header_style="bold")
+    table.add_column("hair at rest", no_wrap=True)
+    for name in evaluation.scores:
+        table.add_column(name.replace("_", " "), justify="right", no_wrap=True)
+    for kind, figures in (("seen", [c.seen for c in columns]), ("held out", [c.held_out for c in columns])):
+        table.add_row(f"hair IoU, {figures[0].views} views {kind}", *(format_figure(f.iou, 3) for f in figures))
+        table.add_row("  orientation error, degrees", *(format_figure(f.orientation_error, 2) for f in figures))
+        table.add_row("  mean over pixels", *(str(f.orientation_pixels) for f in figures), style="dim")
+    table.add_row("points inside head and body, %", *(format_figure(100 * c.inside, 3) for c in columns))
+    for scores in zip(*(c.strands or () for c in columns), strict=True):
+        label = f"strands {1e3 * scores[0].distance:g} mm, {scores[0].angle:g} deg: P / R / F"
+        table.add_row(label, *(f"{s.precision:.3f} / {s.recall:.3f} / {s.f:.3f}" for s in scores))
+    return Group(table, *_hairstyle_notes(columns[0]))
+
+
+def _hairstyle_notes(scores: HairstyleScores) -> list[Text]:
+    """Write a line for each figure that is missing; what is missing from one stage is missing from all."""
+    reasons = {
+        "IoU of held-out views: the capture has too few static views": not scores.held_out.views,
+        "orientation error: no pixel is hair in both silhouettes with a confident direction": (
+            not scores.seen.orientation_pixels
+        ),
+        "precision and recall of strands: the capture does not hold all true strands of this frame": (
+            scores.strands is None
+        ),
+    }
+    return [Text(f"n/a: {reason}", style="dim") for reason, missing in reasons.items() if missing]
 
 
 def format_figure(value: float | None, decimals: int) -> str:

@@ -2,48 +2,112 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
+from jaxtyping import Float
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn, track
+from rich.text import Text
+from torch import Tensor
 
 from dynhair import __version__
 from dynhair.avatar import Avatar
 from dynhair.capture import Capture
+from dynhair.errors import DynhairError
+from dynhair.evaluation.hairstyle import HairstyleEvaluation, evaluate_hairstyles
 from dynhair.evaluation.pictures import picture
-from dynhair.evaluation.protocol import EvaluatedFrame, Evaluation, evaluate_avatar, evaluated_indices
+from dynhair.evaluation.protocol import DrivenHead, EvaluatedFrame, Evaluation, evaluate_avatar, evaluated_indices
 from dynhair.evaluation.recorder import Recorder
-from dynhair.evaluation.report import evaluation_table
+from dynhair.evaluation.report import evaluation_table, hairstyle_table
 from dynhair.evaluation.video import video_writer
 from dynhair.storage import write_json
 from dynhair.threads import large_pieces
+from dynhair.training.run import Run, avatar_folder, read_hair
 
 METRICS = "metrics.json"
 
 
+@dataclass(frozen=True)
+class RunEvaluation:
+    """What was measured.
+
+    Attributes:
+        motion: the avatar driven by the capture's motions; None for a run that has no avatar yet.
+        hairstyle: the hair at rest; None where it could not be measured, which is then printed.
+    """
+
+    motion: Evaluation | None
+    hairstyle: HairstyleEvaluation | None
+
+
 def run_evaluation(
-    avatar_path: Path | str,
+    path: Path | str,
     capture_path: Path | str,
     out: Path | str,
     *,
     device: torch.device | str = "cpu",
     console: Console | None = None,
-) -> Evaluation:
-    """Evaluate an avatar against a capture; print a table, and write figures and pictures.
+) -> RunEvaluation:
+    """Evaluate an avatar, or what a run has so far, against a capture; print tables, and write figures and pictures.
+
+    Of a run whose static stage alone is done, the hair at rest is evaluated.
 
     Args:
-        avatar_path: the avatar's folder.
+        path: the avatar's folder, or the run's.
         capture_path: the capture's folder.
-        out: folder for ``metrics.json``, ``test_<segment>.mp4`` and ``contact_sheet.png``.
+        out: folder for ``metrics.json`` and, of an avatar, ``test_<segment>.mp4`` and ``contact_sheet.png``.
         device: where the avatar is posed and rendered.
-        console: where progress and table go; standard output when left out.
+        console: where progress and tables go; standard output when left out.
 
     Raises:
-        DynhairError: the avatar or the capture cannot be read.
+        DynhairError: the avatar, the run or the capture cannot be read; or the run has no hair yet.
     """
-    out, console = Path(out), console or Console()
-    avatar, capture = Avatar.load(avatar_path, device), Capture.open(capture_path, cache_bytes=0)  # read once
+    path, out, console = Path(path), Path(out), console or Console()
+    hairstyles = _stages_of_hair(path)
+    capture = Capture.open(capture_path, cache_bytes=0)  # views are read once
+    figures: dict[str, Any] = {"dynhair": __version__, "avatar": path.resolve().name}
+    motion, written = None, []
+    if avatar_folder(path).exists() or not hairstyles:
+        avatar = Avatar.load(avatar_folder(path), device)
+        hairstyles = hairstyles or {"canonical": avatar.canonical_strands}
+        motion, written = _evaluate_motion(avatar, capture, out, console)
+        figures.update(motion.to_json())
+        console.print(evaluation_table(motion))
+    hairstyle = None
+    try:
+        with console.status("evaluating the hair at rest"), large_pieces():
+            hairstyle = evaluate_hairstyles(capture, hairstyles)
+        figures["hairstyle"] = hairstyle.to_json()
+        console.print(hairstyle_table(hairstyle))
+    except DynhairError as error:
+        if motion is None:
+            raise
+        figures["hairstyle"] = {"reason": error.message}
+        console.print(Text(f"n/a: the hair at rest: {error.message}", style="dim"))
+    write_json(out / METRICS, figures)
+    for file in (out / METRICS, *written):
+        console.print(f"wrote {file}", highlight=False, soft_wrap=True)
+    return RunEvaluation(motion, hairstyle)
+
+
+def _stages_of_hair(path: Path) -> dict[str, Float[Tensor, "_ _ 3"]]:
+    """The hairstyles that a run has kept, given its folder or that of the avatar inside; nothing outside of a run."""
+    owner = next((folder for folder in (path, path.resolve().parent) if (folder / "run.json").exists()), None)
+    if owner is None:
+        return {}
+    run = Run.open(owner)
+    canonical, first_guess = read_hair(run.canonical_hair), read_hair(run.first_guess)
+    if canonical is None:
+        return {}
+    return {"canonical": canonical} if first_guess is None else {"first_guess": first_guess, "canonical": canonical}
+
+
+def _evaluate_motion(
+    avatar: DrivenHead, capture: Capture, out: Path, console: Console
+) -> tuple[Evaluation, list[Path]]:
     total = sum(len(evaluated_indices(segment)) for segment in capture.segments)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     bars = Progress(*columns, console=console, transient=True)
@@ -55,12 +119,7 @@ def run_evaluation(
             progress.update(task, advance=1, description=f"evaluating {frame.segment.name}")
 
         evaluation = evaluate_avatar(avatar, capture, observe=observe)
-    names = {"dynhair": __version__, "avatar": Path(avatar_path).resolve().name}
-    write_json(out / METRICS, {**names, **evaluation.to_json()})
-    console.print(evaluation_table(evaluation))
-    for path in (out / METRICS, *recorder.written):
-        console.print(f"wrote {path}", highlight=False, soft_wrap=True)
-    return evaluation
+    return evaluation, recorder.written
 
 
 @torch.no_grad()
