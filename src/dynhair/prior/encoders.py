@@ -21,7 +21,7 @@ Layer = TypeVar("Layer", bound=nn.Module)
 LEADING = 10
 """Coefficients that the coarse network predicts, as Im2Haircut's does."""
 
-SAMPLES = 16
+SAMPLES = 12
 """Points of a coarse strand at which the fine network reads the evidence."""
 
 _HEIGHTS = (1.0, 1.2, 1.4)
@@ -39,9 +39,9 @@ class EncoderSizes:
         point: channels of what is read at a point of a strand.
     """
 
-    volume: int = 32
-    code: int = 192
-    texture: int = 64
+    volume: int = 24
+    code: int = 160
+    texture: int = 48
     point: int = 24
 
 
@@ -124,7 +124,9 @@ class FineEncoder(nn.Module):
 
     def __init__(self, count: int, sizes: EncoderSizes) -> None:
         super().__init__()
-        self.point = nn.Linear(CHANNELS + sizes.volume + 6, sizes.point)
+        self.around = nn.Conv3d(sizes.volume, sizes.point, 1)
+        self.within = nn.Linear(CHANNELS, sizes.point, bias=False)
+        self.course = nn.Linear(6, sizes.point, bias=False)
         self.strand = nn.Linear(sizes.point * SAMPLES, sizes.texture)
         self.before = nn.Conv2d(sizes.texture + LEADING, sizes.texture, 1)
         self.blocks = nn.Sequential(_Residual(nn.Conv2d, sizes.texture), _Residual(nn.Conv2d, sizes.texture, 4))
@@ -151,8 +153,8 @@ class FineEncoder(nn.Module):
         tangents = torch.diff(strands, dim=3, append=2 * strands[..., -1:, :] - strands[..., -2:-1, :])
         shape = torch.cat([strands / 3, tangents / (tangents.norm(dim=-1, keepdim=True) + 1e-3)], -1).flatten(1, 3)
         points = strands.flatten(1, 3)
-        read = torch.cat([sample_volume(volume, points), sample_volume(features, points), shape], -1)
-        along = _activated(self.point(read)).unflatten(1, (-1, SAMPLES)).flatten(2)
+        read = sample_volume(self.around(features), points) + self.within(sample_volume(volume, points))
+        along = _activated(read + self.course(shape)).unflatten(1, (-1, SAMPLES)).flatten(2)
         mixed = _as_texture(self.strand(along)) + self.before(torch.cat([texture, leading], 1))
         return self.head(self.blocks(_activated(mixed)))
 

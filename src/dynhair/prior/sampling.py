@@ -14,10 +14,11 @@ from dynhair.prior.evidence import HIGHEST, LOWEST
 
 
 def sample_volume(volume: Float[Tensor, "b c d h w"], points: Float[Tensor, "b m 3"]) -> Float[Tensor, "b m c"]:
-    """Read a volume of any resolution that covers the grid at points in scalp units, trilinearly; zeros outside.
+    """Read a volume of any resolution that covers the grid at points in scalp units, trilinearly.
 
-    Differentiable in the volume alone. It is the product with a sparse matrix of eight weights a point, whose transpose
-    is the backward pass: on a CPU SciPy's takes a fifth of the time of ``grid_sample`` and of ``embedding_bag``.
+    Points outside of the grid get its border's values. Differentiable in the volume alone. It is the product with a
+    sparse matrix of eight weights a point, whose transpose is the backward pass: on a CPU SciPy's takes a fifth of the
+    time of ``grid_sample`` and of ``embedding_bag``.
     """
     batch, channels, *dims = volume.shape
     matrix = _weights(points.detach().cpu(), dims)
@@ -29,22 +30,20 @@ def _weights(points: Tensor, dims: list[int]) -> sparse.csr_matrix:
     """The matrix from the voxels of a batch, in the order of flattened volumes, to its points."""
     batch, count = points.shape[:2]
     low, high = torch.tensor(LOWEST), torch.tensor(HIGHEST)
-    size = torch.tensor(dims[::-1])
-    places = (points - low) / (high - low) * size - 0.5
-    corner = places.floor()
+    size = torch.tensor(dims[::-1], dtype=torch.float32)
+    places = (points - low).div_(high - low).mul_(size).sub_(0.5)
+    places = places.minimum(size - 1).clamp_min_(0)
+    corner = places.floor().minimum(size - 2)
     above = places - corner
-    at = torch.stack([corner, corner + 1], -1)
-    inside = (at >= 0) & (at < size[:, None])
-    weight = (torch.stack([1 - above, above], -1) * inside).unbind(2)
-    stride = torch.tensor([1, dims[2], dims[1] * dims[2]], dtype=torch.int32)
-    offset = (at.clamp_min(0).minimum(size[:, None] - 1).int() * stride[:, None]).unbind(2)
-    heads = torch.arange(batch, dtype=torch.int32)[:, None, None] * int(size.prod())
-    x, y, z = (weight[0][..., None, None, :], weight[1][..., None, :, None], weight[2][..., :, None, None])
-    i, j, k = (offset[0][..., None, None, :], offset[1][..., None, :, None], offset[2][..., :, None, None])
-    values = (z * y * x).flatten().numpy()
-    columns = (k + j + i + heads[..., None, None]).flatten().numpy()
+    stride = torch.tensor([1.0, dims[2], dims[1] * dims[2]])
+    first = (corner @ stride).int() + (torch.arange(batch, dtype=torch.int32) * int(size.prod()))[:, None]
+    x, y, z = torch.stack([1 - above, above], -1).unbind(2)
+    steps = [k * dims[1] * dims[2] + j * dims[2] + i for k in (0, 1) for j in (0, 1) for i in (0, 1)]
+    columns = first[..., None] + torch.tensor(steps, dtype=torch.int32)
+    values = z[..., :, None, None] * (y[..., :, None] * x[..., None, :])[..., None, :, :]
     rows = np.arange(0, 8 * batch * count + 1, 8, dtype=np.int32)
-    return sparse.csr_matrix((values, columns, rows), shape=(batch * count, batch * int(size.prod())))
+    shape = (batch * count, batch * int(size.prod()))
+    return sparse.csr_matrix((values.flatten().numpy(), columns.flatten().numpy(), rows), shape=shape)
 
 
 class _Product(torch.autograd.Function):
