@@ -17,6 +17,7 @@ from dynhair.strands.scalp_map import ScalpFrame
 
 CROWN = functional.normalize(torch.tensor([0.0, 0.85, -0.52]), dim=0)
 _TIE_CLEARANCE = 0.014
+_TAIL_SPREAD = 0.03
 _JAW = -0.9
 
 
@@ -30,7 +31,7 @@ class Combing:
         side: -1 on the subject's right of the parting, 1 on the left.
         fringe: 1 where the root belongs to the fringe, else 0.
         tie: where its place in the tie is, metres.
-        tail: direction in which the tail leaves the tie.
+        tail: direction in which it leaves the tie.
     """
 
     combed: Float[Tensor, "n 3"]
@@ -38,7 +39,7 @@ class Combing:
     side: Float[Tensor, " n"]
     fringe: Float[Tensor, " n"]
     tie: Float[Tensor, "n 3"]
-    tail: Float[Tensor, "3"]
+    tail: Float[Tensor, "n 3"]
 
 
 def comb(style: Style, roots: Float[Tensor, "n 3"], frame: ScalpFrame, field: HeadField) -> Combing:
@@ -74,8 +75,9 @@ def comb(style: Style, roots: Float[Tensor, "n 3"], frame: ScalpFrame, field: He
     combed = torch.where(fringe.bool()[:, None], functional.normalize(forwards, dim=1), combed)
 
     fall = functional.normalize(_along(0, style.flare * x) - torch.tensor([0.0, 1.0, 0.0]), dim=1)
-    tie, tail = _tie(style, roots, frame, field)
-    return Combing(combed, fall, clean, fringe, tie, tail)
+    tie, outwards, spread = _tie(style, roots, frame, field)
+    fall = functional.normalize(fall + 0.2 * style.tied * spread, dim=1)
+    return Combing(combed, fall, clean, fringe, tie, outwards + spread)
 
 
 def leaning(style: Style, here: Float[Tensor, "n 3"]) -> Float[Tensor, "n 1"]:
@@ -92,7 +94,8 @@ def lean_share(heights: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
     return _smoothstep((_JAW + 0.6 - heights) / 0.6)
 
 
-def _tie(style: Style, roots: Tensor, frame: ScalpFrame, field: HeadField) -> tuple[Tensor, Tensor]:
+def _tie(style: Style, roots: Tensor, frame: ScalpFrame, field: HeadField) -> tuple[Tensor, Tensor, Tensor]:
+    """Each strand's place in the tie, the way out of the head there, and how the strands spread in the tail."""
     direction = torch.tensor([style.tie_side, math.sin(style.tie_height), -math.cos(style.tie_height)])
     knot = frame.to_head(functional.normalize(direction, dim=0)[None])
     for _ in range(4):
@@ -103,7 +106,7 @@ def _tie(style: Style, roots: Tensor, frame: ScalpFrame, field: HeadField) -> tu
     spoke = roots - functional.normalize(direction, dim=0)
     spoke = functional.normalize(spoke - (spoke @ outwards[0])[:, None] * outwards, dim=1)
     radius = style.tie_radius * strand_random(roots, style.seed, 7).sqrt()
-    return knot + radius[:, None] * spoke, outwards[0]
+    return knot + radius[:, None] * spoke, outwards[0], (radius / _TAIL_SPREAD)[:, None] * spoke
 
 
 def _along(axis: int, values: Tensor) -> Tensor:

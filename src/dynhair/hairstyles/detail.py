@@ -57,7 +57,7 @@ def _waves(style: Style, along: Tensor, roots: Tensor, cells: Tensor) -> tuple[T
     disorder = style.wave_disorder
     length = style.wave_length * (1 + 0.15 * common + 0.3 * disorder * own[0])
     amplitude = style.wave_amplitude * (1 + 0.25 * common + 0.4 * disorder * own[1])
-    phase = _TAU * (common + 0.5 * disorder * own[2]) + 0.4 * (2 * strand_random(roots, style.seed, 45) - 1)
+    phase = _TAU * (common + 0.8 * disorder * own[2]) + 0.4 * (2 * strand_random(roots, style.seed, 45) - 1)
     # Curls of some clumps turn the other way.
     hand = torch.where(own[3] > 1 - 0.8 * disorder, -1.0, 1.0)
     angle = _TAU * (along - style.wave_start) / length[:, None] + phase[:, None]
