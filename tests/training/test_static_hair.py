@@ -18,6 +18,7 @@ from dynhair.avatar import head_pose
 from dynhair.capture import Capture
 from dynhair.config import Config, HairConfig, StaticConfig
 from dynhair.errors import DynhairError
+from dynhair.losses import PerceptualDistance
 from dynhair.progress import StageProgress
 from dynhair.strands import MeshDistance, segment_lengths
 from dynhair.strands.files import write_strands
@@ -190,6 +191,16 @@ def test_no_masks_and_no_hair_are_refused(capture_path: Path, config: Config, tm
         mask.unlink()
     with pytest.raises(DynhairError, match="no hair masks"):
         fit(bald, tmp_path / "b", config)
+
+
+def test_the_perceptual_term_is_taken_where_it_has_a_weight(
+    capture_path: Path, config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    torch.manual_seed(0)
+    monkeypatch.setattr(PerceptualDistance, "pretrained", lambda: PerceptualDistance("vgg16"))
+    weighted = replace(config.static, weights=replace(config.static.weights, perceptual=10.0))
+    without = fit(capture_path, tmp_path / "a", config)
+    assert not torch.equal(fit(capture_path, tmp_path / "b", replace(config, static=weighted)), without)
 
 
 def test_roots_that_are_seen_bare_are_dropped(capture_path: Path, tmp_path: Path) -> None:

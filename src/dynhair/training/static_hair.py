@@ -17,6 +17,7 @@ from torch import Tensor, nn
 
 from dynhair.capture import Capture
 from dynhair.config import StaticConfig
+from dynhair.losses import PerceptualDistance
 from dynhair.prior.hair_prior import HairPrior, builtin_prior
 from dynhair.progress import StageProgress
 from dynhair.strands import MeshDistance, resample_strands, smooth_strands
@@ -66,6 +67,8 @@ class StaticStage:
         self.points, self.width = hair.points, strand_width(hair.strands)
         self.scene = RestScene.of(capture, self.config.image_size)
         self.prior = builtin_prior() if self.config.prior == "builtin" else HairPrior.load(Path(self.config.prior))
+        wanted = self.config.weights.perceptual > 0
+        self.perceptual = PerceptualDistance.pretrained() if wanted else None
         self.background = torch.from_numpy(capture.background).float()
 
     def finish(self) -> Float[Tensor, "n 200 3"]:
@@ -129,7 +132,7 @@ class StaticStage:
         else:
             Checkpoint.of(0, stage, optimizer).write(path)
         objective = StaticObjective(
-            self.scene, roots, self.width, self.prior.basis, self.background, self.config, self.seed
+            self.scene, roots, self.width, self.prior.basis, self.background, self.perceptual, self.config, self.seed
         )
         shown = self.progress.stage(f"canonical hair: {name}", iterations, first)
         for step in range(first, iterations):

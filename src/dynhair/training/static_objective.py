@@ -10,9 +10,12 @@ from torch import Tensor
 
 from dynhair.config import StaticConfig
 from dynhair.losses import (
+    PerceptualDistance,
     direction_loss,
+    grows_in_front,
     l1_loss,
     length_loss,
+    lpips_loss,
     pca_consistency_loss,
     penetration_loss,
     sample_strand_points,
@@ -33,6 +36,8 @@ _NEIGHBOURS = 4
 _CHECKED_POINTS = 2000
 _COARSE, _MIDDLE = 0.25, 0.55
 _SMALLEST = 64
+_WINDOW = 128
+_HAIR = 0.5
 
 
 class StaticStep(NamedTuple):
@@ -58,6 +63,7 @@ class StaticObjective:
         width: of a strand, metres.
         basis: in whose coefficients the hair in front is compared with that behind.
         background: colour behind everything.
+        perceptual: what ``L_vgg`` is measured by; None leaves the term out.
         config: weights, views a step.
         seed: of views and points drawn.
     """
@@ -69,13 +75,14 @@ class StaticObjective:
         width: float,
         basis: StrandBasis,
         background: Float[Tensor, "3"],
+        perceptual: PerceptualDistance | None,
         config: StaticConfig,
         seed: int,
     ) -> None:
         self.scene, self.width, self.config, self.seed = scene, width, config, seed
-        self._basis, self._background = basis, background
+        self._basis, self._background, self._perceptual = basis, background, perceptual
         self._neighbours: Int[Tensor, "n k"] = root_neighbours(roots, min(_NEIGHBOURS, len(roots) - 1))
-        self._front: Bool[Tensor, " n"] = roots[:, 2] > scene.frame.centre[2]
+        self._front: Bool[Tensor, " n"] = grows_in_front(roots, scene.frame.centre)
         longer = max(scene.views.hair.shape[1:])
         self._sizes = [scene.views.resized(max(longer // part, _SMALLEST)) for part in (4, 2)] + [scene.views]
 
@@ -108,17 +115,35 @@ class StaticObjective:
             "length": length_loss(strands, self._neighbours),
             "pca": self._consistency(strands),
         }
+        if self._perceptual is not None:
+            shown, seen = self._windows(rgb, views, generator)
+            terms["perceptual"] = lpips_loss(self._perceptual, shown, seen)
         decay = segmentation_weight(step, iterations)
         scale = {name: getattr(weights, name) for name in terms} | {"segmentation": weights.segmentation * decay}
         loss = torch.stack([scale[name] * term for name, term in terms.items()]).sum()
         return StaticStep(loss, {name: term.detach() for name, term in terms.items()}, images)
 
     def _consistency(self, strands: Tensor) -> Tensor:
-        if not self._front.any() or self._front.all():
-            return strands.new_zeros(())
         shapes = resample_strands((strands - strands[:, :1]) / self.scene.frame.radius, 200)
         coefficients = self._basis.encode(shapes)
-        return pca_consistency_loss(coefficients[self._front], coefficients[~self._front])
+        # The hair behind, which fewer views see, is to follow the hair in front.
+        return pca_consistency_loss(coefficients[self._front].detach(), coefficients[~self._front])
+
+    def _windows(
+        self, rgb: Float[Tensor, "v h w 3"], views: RestViews, generator: torch.Generator
+    ) -> tuple[Float[Tensor, "v y x 3"], Float[Tensor, "v y x 3"]]:
+        """A window about a random pixel of hair in each view: LPIPS of whole images would take most of the time."""
+        height, width = views.hair.shape[1:]
+        drawn, seen = [], []
+        for image, truth, hair in zip(rgb, views.rgb, views.hair, strict=True):
+            places = torch.nonzero(hair > _HAIR)
+            place = int(torch.randint(max(len(places), 1), (1,), generator=generator))
+            row, column = places[place].tolist() if len(places) else (height // 2, width // 2)
+            top = min(max(row - _WINDOW // 2, 0), max(height - _WINDOW, 0))
+            left = min(max(column - _WINDOW // 2, 0), max(width - _WINDOW, 0))
+            drawn.append(image[top : top + _WINDOW, left : left + _WINDOW])
+            seen.append(truth[top : top + _WINDOW, left : left + _WINDOW])
+        return torch.stack(drawn), torch.stack(seen)
 
     def _views(self, step: int, iterations: int) -> RestViews:
         """The views of a step: all of them in turn, in an order that is shuffled for each turn."""
