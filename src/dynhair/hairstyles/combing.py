@@ -10,6 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
 
+from dynhair.hairstyles.easing import smoothstep
 from dynhair.hairstyles.head_field import HeadField
 from dynhair.hairstyles.noise import smooth_noise, strand_random
 from dynhair.hairstyles.style import Style
@@ -54,12 +55,12 @@ def comb(style: Style, roots: Float[Tensor, "n 3"], frame: ScalpFrame, field: He
     x, _, z = roots.unbind(1)
     wobble = 0.03 * smooth_noise(roots, 0.25, style.seed, 1)
     clean = torch.where(x > style.parting + wobble, 1.0, -1.0)
-    before = _smoothstep((z - CROWN[2] - 0.1 * smooth_noise(roots, 0.5, style.seed, 2)) / 0.5)
+    before = smoothstep((z - CROWN[2] - 0.1 * smooth_noise(roots, 0.5, style.seed, 2)) / 0.5)
     # A parting ends at the crown; behind it the sides pass into each other.
     side = before * clean + (1 - before) * torch.tanh(x / 0.25)
 
     # Front hair that has far to go past the face is combed over the top rather than along the forehead.
-    far = (0.5 - x * side).clamp(0, 1.0) * _smoothstep((z - 0.3) / 0.5)
+    far = (0.5 - x * side).clamp(0, 1.0) * smoothstep((z - 0.3) / 0.5)
     over = style.parted * far
     sideways = torch.stack([style.parted * side, over, -style.sweep - over], dim=1)
     away = _along(0, 0.1 * style.parted * x) + torch.tensor([0.0, -1.0, -0.5])
@@ -69,7 +70,7 @@ def comb(style: Style, roots: Float[Tensor, "n 3"], frame: ScalpFrame, field: He
     combed = functional.normalize(combed + 0.12 * drift, dim=1)
 
     edge = 0.04 * smooth_noise(roots, 0.15, style.seed, 6)
-    narrowing = (1 - _smoothstep((style.fringe_depth + 0.45 - z) / 0.45) * 0.6) * style.fringe_width
+    narrowing = (1 - smoothstep((style.fringe_depth + 0.45 - z) / 0.45) * 0.6) * style.fringe_width
     fringe = ((x.abs() + edge < narrowing) & (z + edge > style.fringe_depth) & (narrowing > 0)).float()
     forwards = torch.stack([0.25 * x + style.fringe_aside, -0.3 * torch.ones_like(x), torch.ones_like(x)], dim=1)
     combed = torch.where(fringe.bool()[:, None], functional.normalize(forwards, dim=1), combed)
@@ -91,7 +92,7 @@ def leaning(style: Style, here: Float[Tensor, "n 3"]) -> Float[Tensor, "n 1"]:
 
 def lean_share(heights: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
     """How near to the shoulders a height is, scalp units: 0 beside the face, 1 below the jaw."""
-    return _smoothstep((_JAW + 0.6 - heights) / 0.6)
+    return smoothstep((_JAW + 0.6 - heights) / 0.6)
 
 
 def _tie(style: Style, roots: Tensor, frame: ScalpFrame, field: HeadField) -> tuple[Tensor, Tensor, Tensor]:
@@ -111,8 +112,3 @@ def _tie(style: Style, roots: Tensor, frame: ScalpFrame, field: HeadField) -> tu
 
 def _along(axis: int, values: Tensor) -> Tensor:
     return functional.pad(values[:, None], (axis, 2 - axis))
-
-
-def _smoothstep(x: Tensor) -> Tensor:
-    x = x.clamp(0, 1)
-    return x * x * (3 - 2 * x)

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
 
+from dynhair.hairstyles.easing import smoothstep
 from dynhair.hairstyles.noise import clumps, hashed, smooth_noise, strand_random
 from dynhair.hairstyles.style import Style
 
@@ -40,7 +41,7 @@ def add_detail(
 
     centres, cells = clumps(roots, style.clump_size, style.seed, 30)
     away = (roots - centres) * radius
-    drawn = style.clumping * _smoothstep(along / (0.35 * style.length + 0.02))
+    drawn = style.clumping * smoothstep(along / (0.35 * style.length + 0.02))
     across = -drawn * (away * flat[:, 0]).sum(1, keepdim=True)
     above = -drawn * (away * upright[:, 0]).sum(1, keepdim=True)
 
@@ -61,7 +62,7 @@ def _waves(style: Style, along: Tensor, roots: Tensor, cells: Tensor) -> tuple[T
     # Curls of some clumps turn the other way.
     hand = torch.where(own[3] > 1 - 0.8 * disorder, -1.0, 1.0)
     angle = _TAU * (along - style.wave_start) / length[:, None] + phase[:, None]
-    size = amplitude[:, None] * _smoothstep(
+    size = amplitude[:, None] * smoothstep(
         (along - 0.3 * style.wave_start) / (style.wave_start + 0.5 * style.wave_length)
     )
     return size * torch.cos(angle), size * style.curl * hand[:, None] * torch.sin(angle)
@@ -69,7 +70,7 @@ def _waves(style: Style, along: Tensor, roots: Tensor, cells: Tensor) -> tuple[T
 
 def _frizz(style: Style, along: Tensor, roots: Tensor) -> tuple[Tensor, Tensor]:
     stray = (strand_random(roots, style.seed, 50) < style.flyaways).float()
-    size = style.frizz * (1 + 3 * stray)[:, None] * _smoothstep(along / 0.08)
+    size = style.frizz * (1 + 3 * stray)[:, None] * smoothstep(along / 0.08)
     offsets = []
     for axis in range(2):
         wave = torch.zeros_like(along)
@@ -90,8 +91,3 @@ def _frames(courses: Tensor, normals: Tensor) -> tuple[Tensor, Tensor]:
         carried.append(current)
     flat = torch.stack(carried, dim=1)
     return flat, torch.linalg.cross(flat, tangents, dim=-1)
-
-
-def _smoothstep(x: Tensor) -> Tensor:
-    x = x.clamp(0, 1)
-    return x * x * (3 - 2 * x)

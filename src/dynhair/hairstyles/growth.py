@@ -10,6 +10,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from dynhair.hairstyles.combing import Combing, lean_share, leaning
+from dynhair.hairstyles.easing import smoothstep
 from dynhair.hairstyles.head_field import HeadField
 from dynhair.hairstyles.noise import strand_random
 from dynhair.hairstyles.style import Style
@@ -87,7 +88,7 @@ def _combed(
     style: Style, combing: Combing, here: Tensor, outwards: Tensor, distance: Tensor, travelled: Tensor
 ) -> tuple[Tensor, Tensor]:
     """The direction of a strand's next step, and how closely it keeps to the head."""
-    touching = _smoothstep((style.thickness * 2 + 0.02 - distance) / 0.02)[:, None]
+    touching = smoothstep((style.thickness * 2 + 0.02 - distance) / 0.02)[:, None]
     flat = combing.combed - (combing.combed * outwards).sum(1, keepdim=True) * outwards
     combed = (1 - style.stand) * flat + style.stand * outwards
     lean = leaning(style, here) * (here.new_tensor([0.0, 0.0, 1.0]))
@@ -104,13 +105,11 @@ def _combed(
     falling = (1 - resting) * falling + resting * sliding
     # Hair that was combed uphill or past the face lies on hair that bears it, until it is over the top.
     above = outwards[:, 1] + 0.4 * here[:, 2]
-    uphill = _smoothstep(-(flat * falling).sum(1) / 0.2) * _smoothstep((above - 0.1) / 0.3)
-    facing = _smoothstep((style.opening + 0.1 - here[:, 0] * combing.side) / 0.3) * _smoothstep(
-        (here[:, 2] - 0.35) / 0.3
-    )
-    on_scalp = touching * _smoothstep((here[:, 1:2] + 0.4) / 0.4)
+    uphill = smoothstep(-(flat * falling).sum(1) / 0.2) * smoothstep((above - 0.1) / 0.3)
+    facing = smoothstep((style.opening + 0.1 - here[:, 0] * combing.side) / 0.3) * smoothstep((here[:, 2] - 0.35) / 0.3)
+    on_scalp = touching * smoothstep((here[:, 1:2] + 0.4) / 0.4)
     borne = on_scalp * torch.maximum(uphill, facing * (style.opening > 0))[:, None] * (1 - style.stand)
-    yielded = _smoothstep(travelled / style.fall)[:, None] * (1 - borne)
+    yielded = smoothstep(travelled / style.fall)[:, None] * (1 - borne)
     hug = (1 - yielded[:, 0]) * touching[:, 0] * max(0.0, 1 - 2 * style.stand)
     # Some gravity from the start: where the comb pointed away from the scalp, its direction along it means nothing.
     return (1 - yielded) * combed + (yielded + 0.15 * (1 - yielded) * (1 - borne)) * falling, hug
@@ -130,9 +129,9 @@ def _tied(
     left = way.norm(dim=1)
     tail_from = torch.where(tail_from.isinf() & (left < 1.5 * step + 0.004), travelled, tail_from)
     flat = way - (way * outwards).sum(1, keepdim=True) * outwards
-    near = _smoothstep((0.06 - left) / 0.04)[:, None]
+    near = smoothstep((0.06 - left) / 0.04)[:, None]
     flat = functional.normalize(near * way + (1 - near) * flat, dim=1)
-    yielded = _smoothstep((travelled - tail_from).nan_to_num(0.0, 0.0, 0.0) / (2 * style.tail_stand))[:, None]
+    yielded = smoothstep((travelled - tail_from).nan_to_num(0.0, 0.0, 0.0) / (2 * style.tail_stand))[:, None]
     hanging = (1 - yielded) * combing.tail + yielded * combing.fall
     return torch.where(tail_from.isinf()[:, None], flat, hanging), tail_from
 
@@ -140,7 +139,7 @@ def _tied(
 def _beside_the_face(style: Style, combing: Combing, points: Tensor, step: Tensor, frame: ScalpFrame) -> Tensor:
     """Points moved sideways until they leave the face free, softly."""
     x, y, z = frame.to_scalp(points).unbind(1)
-    before = _smoothstep((0.7 - y) / 0.6) * _smoothstep((z - 0.35) / 0.35)
+    before = smoothstep((0.7 - y) / 0.6) * smoothstep((z - 0.35) / 0.35)
     width = style.opening + 0.6 * (z - 0.6).clamp_min(0)
     missing = before * (width * before - x * combing.side).clamp_min(0) * frame.radius
     way = torch.stack([combing.side, torch.zeros_like(x), torch.full_like(x, -0.7)], dim=1)
@@ -165,8 +164,3 @@ def _settled(courses: Tensor, clearance: Tensor, frame: ScalpFrame, field: HeadF
         )
         courses = torch.cat([courses[:, :1], courses[:, 1:] + away], dim=1)
     return courses
-
-
-def _smoothstep(x: Tensor) -> Tensor:
-    x = x.clamp(0, 1)
-    return x * x * (3 - 2 * x)

@@ -14,8 +14,7 @@ from dynhair.hairstyles.growth import grow_courses
 from dynhair.hairstyles.head_field import HeadField
 from dynhair.hairstyles.style import Style
 from dynhair.hairstyles.trimming import grown_lengths, trimmed_lengths
-from dynhair.strands.geometry import resample_strands, segment_lengths
-from dynhair.strands.groom import cut
+from dynhair.strands.geometry import cut_strands, resample_strands, segment_lengths
 from dynhair.strands.scalp_map import ScalpFrame
 
 _DENSITY = 2
@@ -53,7 +52,7 @@ def grow_hairstyle(
     combing = comb(style, roots, frame, field)
     courses = grow_courses(style, combing, positions, normals, grown_lengths(style, combing, roots), frame, field)
     lengths = trimmed_lengths(style, combing, courses, frame)
-    courses = cut(courses, lengths, _DENSITY * points)
+    courses = cut_strands(courses, lengths, _DENSITY * points)
     strands = add_detail(style, courses, lengths, roots, normals, frame.radius)
     strands = torch.cat([positions[:, None], strands[:, 1:]], dim=1)
     strands = resample_strands(_outside(strands, field), points)
