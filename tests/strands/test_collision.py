@@ -9,7 +9,7 @@ import pytest
 import torch
 from meshes import sphere
 
-from dynhair.strands import MeshDistance
+from dynhair.strands import MeshDistance, push_out
 
 
 def points_about(radius: float, count: int = 400, seed: int = 0) -> torch.Tensor:
@@ -120,3 +120,18 @@ def test_threads_have_their_own_meshes_and_may_share_one() -> None:
     for thread in threads:
         thread.join()
     assert not failures
+
+
+class Ball:
+    """An obstacle with exact distances."""
+
+    def query(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        length = points.norm(dim=1, keepdim=True).clamp_min(1e-9)
+        return length[:, 0] - 0.09, points / length * 0.09
+
+
+@pytest.mark.parametrize("clearance", [0.0, 0.01])
+def test_points_are_pushed_straight_out(clearance: float) -> None:
+    points = torch.tensor([[0.05, 0, 0], [0, -0.089, 0], [0, 0, 0.2]])
+    expected = torch.tensor([[0.09 + clearance, 0, 0], [0, -0.09 - clearance, 0], [0, 0, 0.2]])
+    torch.testing.assert_close(push_out(points, Ball(), clearance), expected, atol=1e-6, rtol=0)

@@ -9,7 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dynhair.errors import DynhairError
-from dynhair.strands import bending_angles, resample_strands, segment_lengths, smooth_strands, strand_lengths
+from dynhair.strands import (
+    bending_angles,
+    cut_strands,
+    resample_strands,
+    segment_lengths,
+    smooth_strands,
+    strand_lengths,
+)
 
 
 def random_strands(count: int = 6, points: int = 9, seed: int = 0) -> torch.Tensor:
@@ -111,3 +118,15 @@ def test_smoothing_averages_three_points_and_keeps_the_ends() -> None:
 def test_smoothing_leaves_evenly_spaced_straight_strands_alone() -> None:
     straight = torch.linspace(0, 1, 8, dtype=torch.float64)[None, :, None] * torch.tensor([[[1.0, -2.0, 0.5]]])
     torch.testing.assert_close(smooth_strands(straight), straight)
+
+
+def test_cutting_a_straight_strand() -> None:
+    course = torch.tensor([[[0.0, 0, 0], [0, -0.3, 0], [0, -1.0, 0]]])
+    expected = torch.tensor([0, -0.2, -0.4, -0.6])
+    torch.testing.assert_close(cut_strands(course, torch.tensor([0.6]), 4)[0, :, 1], expected)
+
+
+def test_a_strand_cut_at_its_whole_length_is_resampled() -> None:
+    strands = torch.randn(5, 30, 3, generator=torch.Generator().manual_seed(0)).cumsum(1)
+    whole = cut_strands(strands, strand_lengths(strands), 12)
+    torch.testing.assert_close(whole, resample_strands(strands, 12), atol=1e-4, rtol=1e-4)

@@ -1,9 +1,10 @@
 """Hair strands: polylines ``(N, L, 3)`` in metres, root first, and the scalp they grow on."""
 
-from dynhair.strands.collision import MeshDistance
+from dynhair.strands.collision import MeshDistance, Obstacle, push_out
 from dynhair.strands.gaussians import StrandGaussians, root_taper, strand_gaussians
 from dynhair.strands.geometry import (
     bending_angles,
+    cut_strands,
     resample_strands,
     segment_lengths,
     smooth_strands,
@@ -16,14 +17,17 @@ from dynhair.strands.upsampling import upsample
 
 __all__ = [
     "MeshDistance",
+    "Obstacle",
     "Roots",
     "ScalpFrame",
     "StrandGaussians",
     "bending_angles",
+    "cut_strands",
     "decode_orientation",
     "directions",
     "encode_orientation",
     "projected_orientation",
+    "push_out",
     "resample_strands",
     "root_neighbours",
     "root_taper",

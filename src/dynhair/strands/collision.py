@@ -1,9 +1,10 @@
-"""Signed distances from points to a mesh."""
+"""Signed distances from points to a mesh, and points kept outside of it."""
 
 from __future__ import annotations
 
 import contextlib
 import threading
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float, Int
@@ -12,6 +13,24 @@ from torch import Tensor
 from dynhair.render.warp_runtime import warp
 
 _compiling = threading.Lock()
+
+
+@runtime_checkable
+class Obstacle(Protocol):
+    """What strands must stay outside of, such as :class:`MeshDistance`."""
+
+    def query(self, points: Float[Tensor, "p 3"]) -> tuple[Float[Tensor, " p"], Float[Tensor, "p 3"]]:
+        """Signed distances (negative inside) and closest surface points, metres."""
+        ...
+
+
+def push_out(points: Float[Tensor, "p 3"], obstacle: Obstacle, clearance: float) -> Float[Tensor, "p 3"]:
+    """Points moved straight away from the surface to at least ``clearance`` metres outside of the obstacle."""
+    distance, closest = obstacle.query(points)
+    # Inside, the direction from the closest point turns inwards.
+    outwards = (points - closest) * torch.where(distance < 0, -1.0, 1.0)[:, None]
+    normal = torch.nn.functional.normalize(outwards, dim=1)
+    return points + (clearance - distance).clamp_min(0.0)[:, None] * normal
 
 
 class MeshDistance:

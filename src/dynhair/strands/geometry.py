@@ -72,3 +72,21 @@ def smooth_strands(strands: Float[Tensor, "*n l 3"]) -> Float[Tensor, "*n l 3"]:
     """
     inner = (strands[..., :-2, :] + strands[..., 1:-1, :] + strands[..., 2:, :]) / 3
     return torch.cat([strands[..., :1, :], inner, strands[..., -1:, :]], dim=-2)
+
+
+def cut_strands(strands: Float[Tensor, "n l 3"], lengths: Float[Tensor, " n"], count: int) -> Float[Tensor, "n k 3"]:
+    """The first ``lengths`` metres of each strand as ``count`` points at equal steps of arc length.
+
+    Args:
+        strands: polylines, root first.
+        lengths: at most the strands' own.
+        count: points of each new strand.
+    """
+    along = torch.nn.functional.pad(segment_lengths(strands).cumsum(dim=-1), (1, 0))
+    steps = torch.linspace(0, 1, count, dtype=strands.dtype, device=strands.device)
+    targets = lengths[:, None] * steps
+    upper = torch.searchsorted(along, targets.contiguous()).clamp(1, strands.shape[1] - 1)
+    below, above = along.gather(1, upper - 1), along.gather(1, upper)
+    share = ((targets - below) / (above - below).clamp_min(1e-12)).clamp(0, 1)[..., None]
+    index = upper[..., None].expand(-1, -1, 3)
+    return (1 - share) * strands.gather(1, index - 1) + share * strands.gather(1, index)

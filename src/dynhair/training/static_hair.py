@@ -20,8 +20,7 @@ from dynhair.config import StaticConfig
 from dynhair.losses import PerceptualDistance
 from dynhair.prior.hair_prior import HairPrior, builtin_prior
 from dynhair.progress import StageProgress
-from dynhair.strands import MeshDistance, resample_strands, smooth_strands
-from dynhair.strands.groom import push_out
+from dynhair.strands import MeshDistance, push_out, resample_strands, smooth_strands
 from dynhair.training.checkpoint import Checkpoint
 from dynhair.training.interruption import Interruption, interruptible
 from dynhair.training.previews import hairstyle_picture, write_preview
