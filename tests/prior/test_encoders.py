@@ -10,20 +10,23 @@ from torch.nn import functional
 from dynhair.prior.encoders import LEADING, SAMPLES, CoarseEncoder, EncoderSizes, FineEncoder
 from dynhair.prior.evidence import CHANNELS, GRID, HIGHEST, LOWEST
 from dynhair.prior.sampling import sample_volume
+from dynhair.strands.scalp_map import directions, texel_uv
 
 TINY = EncoderSizes(volume=4, code=8, texture=8, point=4)
 SIZE = 8
+ROOTS = directions(texel_uv(SIZE)).float()
+TEXELS = torch.arange(5, 50, 2)
 
 
 def random_strands(batch: int) -> Tensor:
-    strands = torch.rand(batch, SIZE, SIZE, SAMPLES, 3) - 0.5
-    return strands.cumsum(3)
+    strands = torch.rand(batch, len(TEXELS), SAMPLES, 3) - 0.5
+    return strands.cumsum(2)
 
 
 @pytest.fixture
 def coarse() -> CoarseEncoder:
     torch.manual_seed(0)
-    return CoarseEncoder(SIZE, TINY)
+    return CoarseEncoder(ROOTS, TINY)
 
 
 def test_sampling_is_that_of_grid_sample_with_its_gradient() -> None:
@@ -45,7 +48,8 @@ def test_untrained_networks_predict_the_mean(coarse: CoarseEncoder) -> None:
     leading, texture, features = coarse(volume)
     assert leading.shape == (2, LEADING, SIZE, SIZE)
     assert features.shape[2:] == (GRID[0] // 2, GRID[1] // 2, GRID[2] // 2)
-    fine = FineEncoder(20, TINY)(volume, features, texture, leading, random_strands(2))
+    start = torch.zeros(2, 20, SIZE, SIZE)
+    fine = FineEncoder(20, TINY)(volume, features, texture, start, random_strands(2), TEXELS)
     assert fine.shape == (2, 20, SIZE, SIZE)
     assert not leading.any()
     assert not fine.any()
@@ -61,7 +65,8 @@ def test_every_parameter_learns(coarse: CoarseEncoder) -> None:
     # Layers before one that begins at zero have no gradient until it has moved.
     for _ in range(4):
         leading, texture, features = coarse(volume)
-        refined = functional.pad(leading, (0, 0, 0, 0, 0, 10)) + fine(volume, features, texture, leading, strands)
+        start = functional.pad(leading, (0, 0, 0, 0, 0, 10))
+        refined = start + fine(volume, features, texture, start, strands, TEXELS)
         optimizer.zero_grad()
         (refined - target).square().mean().backward()
         for name, parameter in networks.named_parameters():

@@ -17,8 +17,10 @@ from dynhair.prior.encoders import EncoderSizes
 from dynhair.prior.evidence import CHANNELS, GRID, Evidence
 from dynhair.prior.hair_prior import HairPrior
 from dynhair.strands import segment_lengths
+from dynhair.strands.scalp_map import directions, texel_uv
 
 SIZE = 8
+ROOTS = directions(texel_uv(SIZE)).float()
 VALID = torch.ones(SIZE, SIZE, dtype=torch.bool)
 
 
@@ -34,7 +36,7 @@ def prior() -> HairPrior:
     """Small, with random weights everywhere."""
     torch.manual_seed(0)
     basis = fit_basis(smooth_strands(300, 0), count=12)
-    prior = HairPrior(basis, 0.1 * torch.randn(12, SIZE, SIZE), EncoderSizes(4, 8, 8, 4), {"styles": 300})
+    prior = HairPrior(basis, 0.1 * torch.randn(12, SIZE, SIZE), ROOTS, EncoderSizes(4, 8, 8, 4), {"styles": 300})
     with torch.no_grad():
         for parameter in prior.parameters():
             parameter.add_(0.05 * torch.randn_like(parameter))
@@ -58,7 +60,7 @@ def test_a_batch_is_its_parts(prior: HairPrior, evidence: Evidence) -> None:
 
 def test_the_coarse_network_leaves_the_finer_coefficients_at_their_means(prior: HairPrior, evidence: Evidence) -> None:
     with torch.no_grad():
-        coarse, fine = prior.coarse_to_fine(evidence)
+        coarse, *_, fine = prior.coarse_to_fine(evidence)
     assert torch.equal(coarse[10:], prior.mean[10:])
     assert not torch.equal(coarse[:10], prior.mean[:10])
     assert (fine - coarse).abs().flatten(1).amax(1).min() > 1e-4

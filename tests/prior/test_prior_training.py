@@ -18,6 +18,7 @@ from dynhair.prior.training import PriorTraining, Target, decoded, fitted_basis,
 from dynhair.strands.scalp_map import directions, texel_uv
 
 SMALL = EncoderSizes(8, 16, 16, 8)
+ROOTS = directions(texel_uv(TEXTURE)).float()
 TEXELS = torch.arange(300, 420, 3)
 
 
@@ -51,7 +52,7 @@ def prior(styles: list[StyleViews], monkeypatch: pytest.MonkeyPatch) -> HairPrio
     monkeypatch.setattr(training, "_LEARNING_RATE", 4e-3)
     torch.manual_seed(0)
     basis = fitted_basis(styles, "points")
-    return HairPrior(basis, mean_hairstyle(styles, basis), SMALL)
+    return HairPrior(basis, mean_hairstyle(styles, basis), ROOTS, SMALL)
 
 
 def test_mirror_images_lie_at_the_mirrored_texels(styles: list[StyleViews]) -> None:
@@ -113,9 +114,9 @@ def test_training_learns_and_goes_on_exactly(styles: list[StyleViews], prior: Ha
     whole = PriorTraining(prior, styles, tmp_path / "whole", 24, seed=0)
     whole.run(8, lambda step, loss: None, lambda prior: {"known": 1.0})
     assert [entry["step"] for entry in whole.course] == [8, 16, 24]
-    assert error(prior, styles) < 0.97 * before
+    assert error(prior, styles) < 0.98 * before
 
-    other = HairPrior(prior.basis, prior.mean, SMALL)
+    other = HairPrior(prior.basis, prior.mean, ROOTS, SMALL)
     other.load_state_dict(initial)
     begun = PriorTraining(other, styles, tmp_path / "cut", 24, seed=0)
 
@@ -125,7 +126,7 @@ def test_training_learns_and_goes_on_exactly(styles: list[StyleViews], prior: Ha
 
     with pytest.raises(KeyboardInterrupt):
         begun.run(8, interrupt)
-    resumed = PriorTraining(HairPrior(prior.basis, prior.mean, SMALL), styles, tmp_path / "cut", 24, seed=0)
+    resumed = PriorTraining(HairPrior(prior.basis, prior.mean, ROOTS, SMALL), styles, tmp_path / "cut", 24, seed=0)
     assert resumed.step == 8
     resumed.run(8, lambda step, loss: None)
     pairs = zip(resumed.prior.state_dict().values(), prior.state_dict().values(), strict=True)

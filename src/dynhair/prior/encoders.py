@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from dynhair.avatar.encoding import encoded_size, positional_encoding
 from dynhair.prior.evidence import CHANNELS, GRID
 from dynhair.prior.sampling import sample_volume
-from dynhair.strands.scalp_map import directions, texel_uv
 
 Layer = TypeVar("Layer", bound=nn.Module)
 
@@ -22,7 +21,10 @@ LEADING = 10
 """Coefficients that the coarse network predicts, as Im2Haircut's does."""
 
 SAMPLES = 12
-"""Points of a coarse strand at which the fine network reads the evidence."""
+"""Points of a strand at which the fine network reads the evidence."""
+
+ROUNDS = 2
+"""How often the fine network corrects the strands."""
 
 _HEIGHTS = (1.0, 1.2, 1.4)
 _FREQUENCIES = 4
@@ -75,18 +77,16 @@ class CoarseEncoder(nn.Module):
     """From the evidence to the leading coefficients of every texel of the scalp.
 
     Args:
-        size: texels along a side of the texture.
+        roots: of the texels, mean places on the scalp in scalp units; no scalp is a sphere.
         sizes: widths of the layers.
     """
 
     roots: Tensor
     places: Tensor
 
-    def __init__(self, size: int, sizes: EncoderSizes) -> None:
+    def __init__(self, roots: Float[Tensor, "t 3"], sizes: EncoderSizes) -> None:
         super().__init__()
-        self.size = size
-        roots = directions(texel_uv(size)).float()
-        self.register_buffer("roots", roots, persistent=False)
+        self.register_buffer("roots", roots.clone())
         self.register_buffer("places", positional_encoding(roots, _FREQUENCIES), persistent=False)
         self.volume = VolumeEncoder(sizes)
         self.place = nn.Linear(encoded_size(3, _FREQUENCIES), sizes.texture)
@@ -113,9 +113,9 @@ class CoarseEncoder(nn.Module):
 
 
 class FineEncoder(nn.Module):
-    """From the evidence along the coarse strands to all coefficients.
+    """From the evidence along the present strands to better ones: to corrections of all coefficients.
 
-    It also corrects the leading ones: what lies along a strand tells whether it lies where it should.
+    What lies along a strand tells whether it lies where it should. The network is applied more than once.
 
     Args:
         count: coefficients of a strand.
@@ -128,7 +128,7 @@ class FineEncoder(nn.Module):
         self.within = nn.Linear(CHANNELS, sizes.point, bias=False)
         self.course = nn.Linear(6, sizes.point, bias=False)
         self.strand = nn.Linear(sizes.point * SAMPLES, sizes.texture)
-        self.before = nn.Conv2d(sizes.texture + LEADING, sizes.texture, 1)
+        self.before = nn.Conv2d(sizes.texture + count, sizes.texture, 1)
         self.blocks = nn.Sequential(_Residual(nn.Conv2d, sizes.texture), _Residual(nn.Conv2d, sizes.texture, 4))
         self.head = _zeroed(nn.Conv2d(sizes.texture, count, 1))
 
@@ -137,25 +137,29 @@ class FineEncoder(nn.Module):
         volume: Float[Tensor, "b c d h w"],
         features: Float[Tensor, "b f e i x"],
         texture: Float[Tensor, "b t s s"],
-        leading: Float[Tensor, "b k s s"],
-        strands: Float[Tensor, "b s s p 3"],
+        coefficients: Float[Tensor, "b n s s"],
+        strands: Float[Tensor, "b m p 3"],
+        texels: Int[Tensor, " m"],
     ) -> Float[Tensor, "b n s s"]:
-        """Predict what is to be added to the coarse coefficients, in standard deviations.
+        """Predict what is to be added to the coefficients, in standard deviations.
 
         Args:
             volume: the evidence.
             features: of the coarse network, on the same grid.
             texture: its features of the texels.
-            leading: its coefficients.
-            strands: the coarse strands in scalp units about the scalp's centre.
+            coefficients: as they are, in standard deviations.
+            strands: of these coefficients, in scalp units about the scalp's centre; taken as given.
+            texels: flat indices of the texels that have these strands.
         """
         strands = strands.detach()
-        tangents = torch.diff(strands, dim=3, append=2 * strands[..., -1:, :] - strands[..., -2:-1, :])
-        shape = torch.cat([strands / 3, tangents / (tangents.norm(dim=-1, keepdim=True) + 1e-3)], -1).flatten(1, 3)
-        points = strands.flatten(1, 3)
+        tangents = torch.diff(strands, dim=2, append=2 * strands[..., -1:, :] - strands[..., -2:-1, :])
+        shape = torch.cat([strands / 3, tangents / (tangents.norm(dim=-1, keepdim=True) + 1e-3)], -1).flatten(1, 2)
+        points = strands.flatten(1, 2)
         read = sample_volume(self.around(features), points) + self.within(sample_volume(volume, points))
         along = _activated(read + self.course(shape)).unflatten(1, (-1, SAMPLES)).flatten(2)
-        mixed = _as_texture(self.strand(along)) + self.before(torch.cat([texture, leading], 1))
+        everywhere = along.new_zeros(len(along), texture[0, 0].numel(), texture.shape[1])
+        mixed = _as_texture(everywhere.index_copy(1, texels, self.strand(along)))
+        mixed = mixed + self.before(torch.cat([texture, coefficients], 1))
         return self.head(self.blocks(_activated(mixed)))
 
 

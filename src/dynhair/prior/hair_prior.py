@@ -19,13 +19,14 @@ import safetensors.torch
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
+from torch.nn import functional
 
 from dynhair.errors import DynhairError
 from dynhair.prior.basis import StrandBasis
-from dynhair.prior.encoders import LEADING, SAMPLES, CoarseEncoder, EncoderSizes, FineEncoder
+from dynhair.prior.encoders import LEADING, ROUNDS, SAMPLES, CoarseEncoder, EncoderSizes, FineEncoder
 from dynhair.prior.evidence import Evidence
 from dynhair.storage import atomic_file
-from dynhair.strands.scalp_map import ScalpFrame
+from dynhair.strands.scalp_map import ScalpFrame, texel_uv
 from dynhair.strands.upsampling import upsample
 
 SCHEMA_VERSION = 1
@@ -40,16 +41,19 @@ class HairPrior(nn.Module):
         basis: of strands in normal form.
         mean: coefficients of the mean hairstyle. The encoders tell how far a hairstyle is from it, in the basis's
             standard deviations.
+        roots: where on the scalp the texels are in the mean, scalp units.
         sizes: widths of the encoders.
         recipe: how the prior was made; told to whoever asks, and otherwise without effect.
     """
 
     mean: Tensor
+    texels: Tensor
 
     def __init__(
         self,
         basis: StrandBasis,
         mean: Float[Tensor, "k s s"],
+        roots: Float[Tensor, "t 3"],
         sizes: EncoderSizes | None = None,
         recipe: Mapping[str, Any] | None = None,
     ) -> None:
@@ -59,30 +63,32 @@ class HairPrior(nn.Module):
         self.sizes = sizes or EncoderSizes()
         self.recipe = dict(recipe or {})
         self.register_buffer("mean", mean.clone())
-        self.coarse = CoarseEncoder(self.size, self.sizes)
+        on_disc = (2 * texel_uv(self.size) - 1).square().sum(1) <= 1
+        self.register_buffer("texels", on_disc.nonzero().squeeze(1), persistent=False)
+        self.coarse = CoarseEncoder(roots, self.sizes)
         self.fine = FineEncoder(len(basis), self.sizes)
 
     def forward(self, evidence: Evidence) -> Float[Tensor, "*b k s s"]:
         """The coefficients of a hairstyle at every texel of the scalp, of one head or of a batch."""
-        return self.coarse_to_fine(evidence)[1]
+        return self.coarse_to_fine(evidence)[-1]
 
-    def coarse_to_fine(self, evidence: Evidence) -> tuple[Float[Tensor, "*b k s s"], Float[Tensor, "*b k s s"]]:
-        """The coefficients as the coarse network alone has them, and as the fine one leaves them.
+    def coarse_to_fine(self, evidence: Evidence) -> list[Float[Tensor, "*b k s s"]]:
+        """The coefficients as the coarse network alone has them, and after each round of the fine one.
 
         The coarse network tells the leading coefficients; the others are then the mean hairstyle's.
         """
         batch = evidence.volume.shape[:-4]
         volume = evidence.volume.flatten(0, -5) if batch else evidence.volume[None]
         leading, texture, features = self.coarse(volume)
-        rest = leading.new_zeros(len(leading), len(self.basis) - LEADING, self.size, self.size)
-        coarse = torch.cat([leading, rest], 1)
-        with torch.no_grad():
-            strands = self._decode(self._in_units(coarse), SAMPLES)
-            roots = self.coarse.roots.unflatten(0, (self.size, self.size))
-            places = roots[:, :, None] + strands
-        fine = coarse + self.fine(volume, features, texture, leading, places)
-        shape = (*batch, *coarse.shape[1:])
-        return self._in_units(coarse).view(shape), self._in_units(fine).view(shape)
+        coefficients = functional.pad(leading, (0, 0, 0, 0, 0, len(self.basis) - LEADING))
+        stages = [coefficients]
+        for _ in range(ROUNDS):
+            with torch.no_grad():
+                known = self._in_units(coefficients).flatten(2)[:, :, self.texels].mT
+                strands = self.coarse.roots[self.texels, None] + self.basis.decode(known, SAMPLES)
+            coefficients = coefficients + self.fine(volume, features, texture, coefficients, strands, self.texels)
+            stages.append(coefficients)
+        return [self._in_units(stage).view(*batch, *stage.shape[1:]) for stage in stages]
 
     def strands(
         self,
@@ -105,7 +111,8 @@ class HairPrior(nn.Module):
             Strands in the head frame, metres; the roots are exactly at their positions. Differentiable in coefficients
             and positions.
         """
-        grown = upsample(self._decode(coefficients, points), valid, frame.uv(positions))
+        texture = self.basis.decode(coefficients.movedim(0, -1), points)
+        grown = upsample(texture, valid, frame.uv(positions))
         return positions[:, None] + frame.radius * grown
 
     def save(self, path: Path | str) -> None:
@@ -138,6 +145,7 @@ class HairPrior(nn.Module):
             prior = cls(
                 StrandBasis.from_state(basis),
                 state["mean"].float(),
+                state["coarse.roots"].float(),
                 EncoderSizes(**description["sizes"]),
                 description["recipe"],
             )
@@ -152,9 +160,6 @@ class HairPrior(nn.Module):
 
     def _in_units(self, coefficients: Tensor) -> Tensor:
         return self.mean + self.basis.deviation[:, None, None].to(coefficients) * coefficients
-
-    def _decode(self, coefficients: Float[Tensor, "*b k s s"], points: int) -> Float[Tensor, "*b s s points 3"]:
-        return self.basis.decode(coefficients.movedim(-3, -1), points)
 
 
 @cache

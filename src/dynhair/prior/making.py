@@ -13,7 +13,7 @@ from dynhair.prior.basis import Form
 from dynhair.prior.dataset import StyleViews, make_set, read_set
 from dynhair.prior.hair_prior import BUILTIN, HairPrior
 from dynhair.prior.report import VIEWS, encoder_errors, write_report
-from dynhair.prior.training import PriorTraining, fitted_basis, mean_hairstyle
+from dynhair.prior.training import PriorTraining, fitted_basis, mean_hairstyle, mean_roots
 from dynhair.progress import StageProgress
 from dynhair.storage import read_json, write_json
 from dynhair.threads import keep_large_blocks
@@ -52,7 +52,7 @@ def make_prior(out: Path, *, styles: int, steps: int, seed: int, console: Consol
         torch.manual_seed(seed)
         basis = fitted_basis(learnt, FORM)
         recipe = {"styles": styles, "steps": steps, "seed": seed, "basis": FORM}
-        prior = HairPrior(basis, mean_hairstyle(learnt, basis), recipe=recipe)
+        prior = HairPrior(basis, mean_hairstyle(learnt, basis), mean_roots(learnt), recipe=recipe)
         training = PriorTraining(prior, learnt, out, steps, seed)
         stage = stages.stage("training", steps, training.step)
         training.run(

@@ -72,7 +72,7 @@ def encoder_errors(prior: HairPrior, styles: Sequence[StyleViews], views: Sequen
     for count in views:
         found: dict[str, list[tuple[float, float, float]]] = {}
         for style in styles:
-            coarse, fine = prior.coarse_to_fine(Maps.of(style, VIEWS[count]).evidence())
+            coarse, *_, fine = prior.coarse_to_fine(Maps.of(style, VIEWS[count]).evidence())
             distances = [_distance(prior, texture, style) for texture in (prior.mean, coarse, fine)]
             found.setdefault(style.family, []).append((distances[0], distances[1], distances[2]))
         for family, rows in found.items():
@@ -146,7 +146,7 @@ def hairstyle_sheet(prior: HairPrior, styles: Sequence[StyleViews]) -> Picture:
 def _pictures(strands: Float[Tensor, "n p 3"], body: Gaussians, style: StyleViews) -> list[Picture]:
     """Hair coloured by its direction in space, before a grey head."""
     hair = strand_gaussians(strands, _PICTURED_WIDTH)
-    light = 0.35 + 0.65 * functional.normalize(body.means - style.frame.centre, dim=1)[:, 1:].clamp_min(0)
+    light = 0.35 + 0.65 * functional.normalize(body.means - style.frame.centre, dim=1)[:, 1:2].clamp_min(0)
     scene = Gaussians(
         means=torch.cat([hair.means, body.means]),
         quats=torch.cat([hair.quats, body.quats]),

@@ -12,6 +12,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from dynhair.hairstyles import random_head
 from dynhair.prior.basis import BasisFit, Form, StrandBasis
 from dynhair.prior.dataset import TEXTURE, StyleViews
 from dynhair.prior.disturbance import Maps, disturbed, random_views
@@ -19,6 +20,8 @@ from dynhair.prior.evidence import Evidence
 from dynhair.prior.hair_prior import HairPrior
 from dynhair.storage import read_json, write_json
 from dynhair.strands import resample_strands, strand_lengths
+from dynhair.strands.scalp import smooth_surface
+from dynhair.strands.scalp_map import ScalpFrame, directions, texel_uv, texture_roots
 from dynhair.training.checkpoint import Checkpoint
 
 COMPONENTS = 64
@@ -26,7 +29,7 @@ _NORMAL_POINTS = 200
 _LOSS_POINTS = 24
 _SHORT = 0.5  # scalp units; below, errors no longer count for more as strands get shorter
 _DIRECTIONS = 0.1
-_COARSE = 0.5
+_STAGES = (0.3, 0.5, 1.0)  # weights of the coarse strands and of those after each round of the fine network
 _BATCH = 4
 _LEARNING_RATE = 8e-4
 _WARM_UP = 100
@@ -76,6 +79,18 @@ def mean_hairstyle(styles: Sequence[StyleViews], basis: StrandBasis) -> Float[Te
             total.index_add_(0, target.texels, basis.encode(target.strands))
             count.index_add_(0, target.texels, torch.ones(len(target.texels)))
     return (total / count.clamp_min(1)[:, None]).T.reshape(-1, TEXTURE, TEXTURE).contiguous()
+
+
+def mean_roots(styles: Sequence[StyleViews]) -> Float[Tensor, "t 3"]:
+    """Mean places of the texels' roots on the styles' heads, scalp units; where no head has scalp, on the sphere."""
+    total, count = torch.zeros(TEXTURE**2, 3), torch.zeros(TEXTURE**2, 1)
+    for seed in sorted({style.head for style in styles}):
+        vertices, faces, scalp = random_head(seed)
+        frame = ScalpFrame.of(vertices, faces, scalp)
+        roots, texels = texture_roots(vertices, faces, scalp, frame, TEXTURE)
+        total[texels] += frame.to_scalp(smooth_surface(roots, vertices, faces)[0])
+        count[texels] += 1
+    return torch.where(count > 0, total / count.clamp_min(1), directions(texel_uv(TEXTURE)).float())
 
 
 def strand_loss(strands: Float[Tensor, "n p 3"], truth: Float[Tensor, "n p 3"]) -> Float[Tensor, ""]:
@@ -153,10 +168,10 @@ class PriorTraining:
             group["lr"] = _LEARNING_RATE * self._schedule()
         evidence, targets = zip(*(self._draw(random) for _ in range(_BATCH)), strict=True)
         self.prior.train()
-        coarse, fine = self.prior.coarse_to_fine(Evidence.batch(evidence))
+        stages = self.prior.coarse_to_fine(Evidence.batch(evidence))
         truth = torch.cat([target.strands for target in targets])
         loss = torch.zeros(())
-        for weight, textures in ((_COARSE, coarse), (1.0, fine)):
+        for weight, textures in zip(_STAGES, stages, strict=True):
             strands = [
                 decoded(self.prior, texture, target.texels, _LOSS_POINTS)
                 for texture, target in zip(textures, targets, strict=True)
