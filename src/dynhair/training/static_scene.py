@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 from torch import Tensor
+from torch.nn import functional
 
 from dynhair.camera import Camera
 from dynhair.render import Gaussians, rasterize
@@ -97,11 +98,30 @@ def render_painted_hair(
     cameras: Sequence[Camera],
     hair_colours: Float[Tensor, "g 3"],
     body_colours: Float[Tensor, "b 3"],
+    *,
+    oversampling: int = 1,
 ) -> PaintedImages:
-    """Draw strands and body as :func:`render_hair` does, in the colours of their Gaussians."""
-    scene = _scene(strands, width, body, cameras, torch.cat([hair_colours, body_colours]))
-    images = rasterize(scene, cameras)
-    return PaintedImages(images.features[..., 0], images.features[..., 1:3], images.features[..., 3:], images.alpha)
+    """Draw strands and body as :func:`render_hair` does, in the colours of their Gaussians.
+
+    A strand thinner than a pixel is drawn more than a pixel wide, for Gaussians are dilated, and opaque. Where that
+    matters, draw it larger and average.
+
+    Args:
+        strands: head frame, metres.
+        width: of a strand, metres.
+        body: opaque.
+        cameras: the views.
+        hair_colours: of the strands' segments.
+        body_colours: of the body's Gaussians.
+        oversampling: pixels drawn for each side of a pixel of the result.
+    """
+    finer = [camera.resized(camera.width * oversampling, camera.height * oversampling) for camera in cameras]
+    scene = _scene(strands, width, body, finer, torch.cat([hair_colours, body_colours]))
+    drawn = rasterize(scene, finer)
+    images = torch.cat([drawn.features, drawn.alpha[..., None]], -1)
+    if oversampling > 1:
+        images = functional.avg_pool2d(images.movedim(-1, 1), oversampling).movedim(1, -1)
+    return PaintedImages(images[..., 0], images[..., 1:3], images[..., 3:6], images[..., 6])
 
 
 def _scene(
