@@ -1,4 +1,4 @@
-"""The prior's training set on disk. Growth itself has its own tests; here strands just stand off the scalp."""
+"""The prior's training set on disk. Growth itself has its own tests."""
 
 from __future__ import annotations
 
@@ -7,32 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
+from quick_styles import make_quick
 from views import FRAME
 
 from dynhair.errors import DynhairError
-from dynhair.hairstyles import FAMILIES, HELD_OUT, HeadField, Style
+from dynhair.hairstyles import FAMILIES, HELD_OUT
 from dynhair.prior import dataset
 from dynhair.prior.dataset import FRONT_VIEWS, RING_VIEWS, TEXTURE, make_set, planned_shards, random_rig, read_set
-
-
-def standing(style: Style, positions: Tensor, normals: Tensor, frame: object, field: object, points: int) -> Tensor:
-    length = 0.02 + 0.1 * np.random.default_rng(style.seed).random()
-    return positions[:, None] + torch.linspace(0, length, points)[:, None] * normals[:, None]
-
-
-class NoField:
-    @staticmethod
-    def of(vertices: Tensor, faces: Tensor) -> HeadField:
-        return HeadField(torch.zeros(4, 2, 2, 2), torch.zeros(3), torch.ones(3))
-
-
-@pytest.fixture
-def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dataset, "grow_hairstyle", standing)
-    monkeypatch.setattr(HeadField, "of", NoField.of)
-    monkeypatch.setattr(dataset, "_VALIDATION_STYLES", 1)
-    monkeypatch.setattr(dataset, "_IMAGE", 32)
 
 
 def test_held_out_families_are_never_trained_on() -> None:
@@ -64,8 +45,8 @@ def test_a_rig_has_views_in_front_and_all_around() -> None:
         assert torch.linalg.det(camera.w2c[:, :3]) > 0
 
 
-@pytest.mark.usefixtures("_quick")
-def test_a_set_on_disk(tmp_path: Path) -> None:
+def test_a_set_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    make_quick(monkeypatch)
     calls: list[tuple[int, int]] = []
     make_set(tmp_path, 2, 1, lambda done, total: calls.append((done, total)))
     assert [done for done, _ in calls] == sorted(done for done, _ in calls)

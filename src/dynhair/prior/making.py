@@ -19,7 +19,7 @@ from dynhair.storage import read_json, write_json
 from dynhair.threads import keep_large_blocks
 
 FORM: Form = "points"
-_SAVES = 20
+_SAVES = 10
 _JUDGED_STYLES = 8
 
 

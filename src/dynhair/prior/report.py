@@ -84,7 +84,7 @@ def write_report(
     folder: Path,
     prior: HairPrior,
     styles: Mapping[str, Sequence[StyleViews]],
-    course: Sequence[Mapping[str, float]],
+    course: Sequence[Mapping[str, float | int]],
     progress: Callable[[str], None] = lambda part: None,
 ) -> dict[str, Any]:
     """Write ``report.json``, three plots and a sheet of hairstyles.
@@ -196,7 +196,7 @@ def _plot_errors(errors: Mapping[str, Sequence[EncoderError]], path: Path) -> No
         figure.savefig(temporary, dpi=130)
 
 
-def _plot_course(course: Sequence[Mapping[str, float]], path: Path) -> None:
+def _plot_course(course: Sequence[Mapping[str, float | int]], path: Path) -> None:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 3.2), layout="constrained")

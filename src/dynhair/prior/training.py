@@ -134,7 +134,7 @@ class PriorTraining:
             checkpoint = Checkpoint.read(self._checkpoint)
             checkpoint.restore(prior, self._optimizer)
             self.step = checkpoint.step
-            self.course: list[dict[str, float]] = [
+            self.course: list[dict[str, float | int]] = [
                 entry for entry in read_json(self._course)["course"] if entry["step"] <= self.step
             ]
 
