@@ -11,6 +11,7 @@ import torch
 from dynhair.prior.basis import fit_basis
 from dynhair.prior.encoders import EncoderSizes
 from dynhair.prior.hair_prior import HairPrior
+from dynhair.strands.scalp_map import directions, texel_uv
 from dynhair.training import static_hair
 
 
@@ -25,7 +26,7 @@ def small_prior(tmp_path_factory: pytest.TempPathFactory) -> Path:
     basis = fit_basis(lengths * (along * down + along.square() * lean), count=16)
     sizes = EncoderSizes(volume=4, code=8, texture=8, point=4)
     torch.manual_seed(0)
-    prior = HairPrior(basis, torch.zeros(16, 16, 16), sizes)
+    prior = HairPrior(basis, torch.zeros(16, 16, 16), directions(texel_uv(16)).float(), sizes)
     path = tmp_path_factory.mktemp("prior") / "prior.safetensors"
     prior.save(path)
     return path

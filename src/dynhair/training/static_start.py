@@ -13,6 +13,7 @@ from dynhair.prior.evidence import gather_evidence
 from dynhair.prior.hair_prior import HairPrior
 from dynhair.strands import texture_roots
 from dynhair.strands.files import read_strands
+from dynhair.strands.fitting import fit_to_scalp
 from dynhair.training.rest_scene import RestScene
 from dynhair.training.static_model import POINTS, EncodedHair
 
@@ -49,8 +50,6 @@ def groom_from_file(path: Path, scene: RestScene, count: int, seed: int) -> Floa
     Raises:
         DynhairError: the file is not readable, or its roots do not lie on a scalp like this one.
     """
-    from dynhair.strands.fitting import fit_to_scalp
-
     groom = read_strands(path).resampled(POINTS)
     fitted = fit_to_scalp(groom, scene.vertices, scene.faces, scene.scalp).strands
     if len(fitted) >= count:
