@@ -10,15 +10,24 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dynhair.errors import DynhairError
+from dynhair.strands.files.alembic import read_abc
 from dynhair.strands.files.archive import read_npz, write_npz
 from dynhair.strands.files.cem_yuksel import read_hair, write_hair
 from dynhair.strands.files.polygon import read_ply, write_ply
 from dynhair.strands.files.salon import read_data, write_data
 from dynhair.strands.files.strand_file import StrandFile
+from dynhair.strands.files.usd import read_usd
 
 _Function = TypeVar("_Function")
 
-_READERS = {".hair": read_hair, ".data": read_data, ".ply": read_ply, ".npz": read_npz}
+_READERS = {
+    ".hair": read_hair,
+    ".data": read_data,
+    ".ply": read_ply,
+    ".npz": read_npz,
+    ".abc": read_abc,
+    **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), read_usd),
+}
 _WRITERS = {".hair": write_hair, ".data": write_data, ".ply": write_ply, ".npz": write_npz}
 
 
@@ -26,7 +35,8 @@ def read_strands(path: Path | str) -> StrandFile:
     """Read strands from a file of the format that its name ends in.
 
     Args:
-        path: ``.hair`` (Cem Yuksel), ``.data`` (USC-HairSalon), ``.ply`` or ``.npz``.
+        path: ``.hair`` (Cem Yuksel), ``.data`` (USC-HairSalon), ``.ply``, ``.npz``, ``.abc`` (Alembic) or a USD stage,
+            ``.usd``, ``.usda``, ``.usdc`` or ``.usdz``.
 
     Returns:
         The strands in the file's own unit and axes; see :func:`dynhair.strands.fitting.fit_to_scalp`.
