@@ -9,13 +9,13 @@ import pytest
 import safetensors.torch
 import torch
 from torch import Tensor
-from views import FRAME
+from views import FRAME, camera_at
 
 from dynhair.errors import DynhairError
 from dynhair.prior import fit_basis
 from dynhair.prior.encoders import EncoderSizes
-from dynhair.prior.evidence import CHANNELS, GRID, Evidence
-from dynhair.prior.hair_prior import HairPrior
+from dynhair.prior.evidence import CHANNELS, GRID, Evidence, gather_evidence
+from dynhair.prior.hair_prior import HairPrior, builtin_prior
 from dynhair.strands import segment_lengths
 from dynhair.strands.scalp_map import directions, texel_uv
 
@@ -150,3 +150,26 @@ def test_damaged_files_are_refused(prior: HairPrior, tmp_path: Path) -> None:
     prior.save(path)
     with pytest.raises(DynhairError, match="NaN"):
         HairPrior.load(path)
+
+
+def test_the_builtin_prior_opens_and_predicts_long_hair_for_long_hair() -> None:
+    """A curtain of hair around the head, against a cap: the strands' lengths must tell them apart."""
+    prior = builtin_prior()
+    assert prior is builtin_prior()
+    positions = FRAME.to_head(prior.coarse.roots[prior.texels])
+    valid = torch.zeros(prior.size, prior.size, dtype=torch.bool)
+    valid.view(-1)[prior.texels] = True
+    lengths = []
+    for hem in (0.0, 0.3):
+        hair = torch.zeros(4, 64, 64)
+        cameras = [camera_at(azimuth) for azimuth in (0, 90, 180, 270)]
+        for view, camera in zip(hair, cameras, strict=True):
+            corners = FRAME.centre + torch.tensor([[0.0, 0.12, 0.0], [0.0, -hem, 0.0]])
+            (top, bottom), _ = camera.project(corners)
+            view[int(top[1]) : int(bottom[1]), 32 - 12 : 32 + 12] = 1
+        direction = torch.stack([-hair, torch.zeros_like(hair)], -1)
+        evidence = gather_evidence(FRAME, cameras, hair, direction, torch.full_like(hair, torch.inf))
+        with torch.no_grad():
+            strands = prior.strands(prior(evidence), valid, FRAME, positions, 20)
+        lengths.append(segment_lengths(strands).sum(1).mean())
+    assert lengths[1] > lengths[0] + 0.1

@@ -46,7 +46,8 @@ def test_a_prior_is_made_and_reported_on(tmp_path: Path, monkeypatch: pytest.Mon
     for name in ("basis", "encoders", "training", "hairstyles"):
         with Image.open(tmp_path / "report" / f"{name}.png") as picture:
             assert min(picture.size) > 100
-    # The same command again finds everything done; with other numbers it is refused.
-    make_prior(tmp_path, styles=2, steps=2, seed=3, console=console)
+    # More steps go on; with other hairstyles it is refused.
+    make_prior(tmp_path, styles=2, steps=3, seed=3, console=console)
+    assert [entry["step"] for entry in read_json(tmp_path / "course.json")["course"]] == [1, 2, 3]
     with pytest.raises(DynhairError, match="was begun with"):
-        make_prior(tmp_path, styles=2, steps=3, seed=3, console=console)
+        make_prior(tmp_path, styles=3, steps=3, seed=3, console=console)

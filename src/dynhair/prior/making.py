@@ -31,7 +31,7 @@ def make_prior(out: Path, *, styles: int, steps: int, seed: int, console: Consol
     Args:
         out: the folder.
         styles: hairstyles to train on.
-        steps: of the training.
+        steps: of the training; more of them than before go on with a prior that is done.
         seed: of everything random.
         console: to show the progress on.
 
@@ -42,7 +42,7 @@ def make_prior(out: Path, *, styles: int, steps: int, seed: int, console: Consol
         raise DynhairError(f"a prior of {styles} hairstyles in {steps} steps", expected="at least one of each")
     console = console or Console()
     keep_large_blocks()
-    _begin(out, {"styles": styles, "steps": steps, "seed": seed, "form": FORM})
+    _begin(out, {"styles": styles, "seed": seed, "basis": FORM})
     with StageProgress(console).shown() as stages:
         growing = stages.stage("hairstyles", styles)
         make_set(out / "hairstyles", styles, seed, lambda done, total: growing.update(done, total=total))
