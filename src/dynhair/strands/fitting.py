@@ -26,7 +26,10 @@ STRAY = 0.02
 _COARSE, _FINE = 200, 500  # points to a side
 _SHIFTS, _TURNS, _MORE_TURNS = 15, 40, 150  # iterations with axes kept, turned, and turned for good
 _FAR = 0.03  # metres between a root and the scalp at which a fit begins to take it for a stray
+_COVERING = 0.3  # share of a fit that asks for roots all over the scalp, against roots on the scalp
 _RIVALS, _APART = 5, 0.01  # placements that are told apart in earnest, and metres between them
+_WIDE = 0.3  # spread of roots that are on the scalp, of the scalp's own
+_BARE, _COVERED = 0.05, 0.7  # metres from a root to bare scalp, and how much of a scalp must be nearer to roots
 _SAME_PLACE = 1e-3  # spread of ends, by the strands' size, below which they tell nothing
 _TURNED = 0.95  # of the residual with axes kept, below which turned ones are believed
 
@@ -34,6 +37,11 @@ _TURNED = 0.95  # of the residual with axes kept, below which turned ones are be
 # if none is inside the head instead of all, and if the axes are along the head's instead of a radian askew.
 _FALLING, _OUTSIDE, _UPRIGHT = 0.002, 0.01, 0.003
 _DEEP = 0.01  # metres below the skin where no hair can be, however different the head that it was made for
+
+_REFUSED = {
+    "expected": "the hair of one head, rooted all over its scalp",
+    "mend": "leave out what is no hair of the head, and check that strands start or end at their roots",
+}
 
 
 @dataclass(frozen=True)
@@ -92,7 +100,7 @@ def fit_to_scalp(
         )
     skin = MeshDistance(vertices, faces[scalp])
     given = strands.detach().cpu().double()
-    distances = [float(skin.query(given[:, end])[0].abs().median()) for end in (0, -1)]
+    distances = [_distance(skin, given[:, end], vertices[faces[scalp]]) for end in (0, -1)]
     if min(distances) < ON_THE_SCALP:
         flipped, placement = distances[1] < distances[0], Similarities.identity()
     else:
@@ -104,8 +112,7 @@ def fit_to_scalp(
         raise DynhairError(
             "the roots do not lie on a scalp of this shape: "
             f"the best fit, {float(placement.scale):.4g} m a unit, leaves them {1000 * residual:.0f} mm off",
-            expected="the hair of one head, rooted all over its scalp",
-            mend="leave out what is no hair of the head, and check that strands start or end at their roots",
+            **_REFUSED,
         )
     kept = (gaps.abs() <= STRAY).nonzero()[:, 0]
     moved = placed + (closest - placed[:, 0])[:, None]
@@ -118,6 +125,12 @@ def fit_to_scalp(
         translation=placement.translation[0].to(strands),
         residual=residual,
     )
+
+
+def _distance(skin: MeshDistance, roots: Tensor, triangles: Tensor) -> float:
+    """Median distance of roots to the scalp; that of a groom too small to be on it, but beside it, is infinite."""
+    is_wide = roots.std(dim=0).norm() > _WIDE * triangles.flatten(0, 1).std(dim=0).norm()
+    return float(skin.query(roots)[0].abs().median()) if is_wide else float("inf")
 
 
 def _placed(strands: Tensor, vertices: Tensor, faces: Tensor, scalp: Tensor) -> tuple[bool, Similarities]:
@@ -153,6 +166,13 @@ def _placed(strands: Tensor, vertices: Tensor, faces: Tensor, scalp: Tensor) -> 
     placement = placements[[best]]
     if is_turned[best]:
         placement, _ = _iterated(placement, ends[tips[[best]]], targets, _MORE_TURNS, turn=True)
+    covered = torch.cdist(targets, placement.apply(ends[tips[[best]]])[0]).amin(dim=1) < _BARE
+    if covered.double().mean() < _COVERED:
+        raise DynhairError(
+            "the roots do not lie on a scalp of this shape: "
+            f"the best fit leaves {100 * (1 - float(covered.double().mean())):.0f}% of it bare",
+            **_REFUSED,
+        )
     return bool(tips[best]), placement
 
 
@@ -187,12 +207,12 @@ def _iterated(
         placements = closest_similarities(
             torch.cat([points, _rows(points, back)], dim=1),
             torch.cat([_rows(targets, there), targets], dim=1),
-            weights * _evenly(there, back),
+            weights * _shares(there, back),
             rotation=None if turn else placements.rotation,
         )
     distances, there, back = _pairs(placements.apply(points), targets)
     bounded = distances.square() / (1 + (distances / _FAR).square())
-    return placements, (bounded * _evenly(there, back)).sum(dim=1).sqrt()
+    return placements, (bounded * _shares(there, back)).sum(dim=1).sqrt()
 
 
 def _pairs(points: Tensor, targets: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -202,10 +222,10 @@ def _pairs(points: Tensor, targets: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     return torch.cat([to_target, to_point], dim=1), there, back
 
 
-def _evenly(there: Tensor, back: Tensor) -> Tensor:
-    """Weights by which both ways count the same, however many points there are."""
-    halves = [torch.full(index.shape, 0.5 / index.shape[1], dtype=torch.float64) for index in (there, back)]
-    return torch.cat(halves, dim=1)
+def _shares(there: Tensor, back: Tensor) -> Tensor:
+    """Weights of the pairs from roots to scalp and of those back, however many there are."""
+    ways = ((there, 1 - _COVERING), (back, _COVERING))
+    return torch.cat([torch.full(way.shape, share / way.shape[1], dtype=torch.float64) for way, share in ways], dim=1)
 
 
 def _rows(table: Tensor, index: Tensor) -> Tensor:
