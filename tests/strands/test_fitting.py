@@ -110,6 +110,17 @@ def test_a_tiny_groom_beside_the_scalp_is_not_taken_to_be_on_it() -> None:
     assert found.scale == pytest.approx(100, rel=0.02)
 
 
+def test_a_lock_on_the_scalp_stays_there() -> None:
+    strands = groom(FAMILIES[0])
+    lock = strands[(strands[:, 0] - strands[0, 0]).norm(dim=-1) < 0.03]
+    assert fitted(lock).scale == 1
+
+
+def test_one_strand_elsewhere_is_refused() -> None:
+    with pytest.raises(DynhairError, match="all start and all end at one place"):
+        fitted(groom(FAMILIES[0])[:1] + 1)
+
+
 def test_a_scalp_that_is_bare_below_is_recognised() -> None:
     strands = groom("ponytail_high")
     upper = strands[strands[:, 0, 1] > strands[:, 0, 1].quantile(0.3)]

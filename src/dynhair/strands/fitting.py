@@ -28,7 +28,7 @@ _SHIFTS, _TURNS, _MORE_TURNS = 15, 40, 150  # iterations with axes kept, turned,
 _FAR = 0.03  # metres between a root and the scalp at which a fit begins to take it for a stray
 _COVERING = 0.3  # share of a fit that asks for roots all over the scalp, against roots on the scalp
 _RIVALS, _APART = 5, 0.01  # placements that are told apart in earnest, and metres between them
-_WIDE = 0.3  # spread of roots that are on the scalp, of the scalp's own
+_WIDE = 0.05  # spread of roots that are on the scalp, of the scalp's own
 _BARE, _COVERED = 0.05, 0.7  # metres from a root to bare scalp, and how much of a scalp must be nearer to roots
 _SAME_PLACE = 1e-3  # spread of ends, by the strands' size, below which they tell nothing
 _TURNED = 0.95  # of the residual with axes kept, below which turned ones are believed
@@ -129,7 +129,7 @@ def fit_to_scalp(
 
 def _distance(skin: MeshDistance, roots: Tensor, triangles: Tensor) -> float:
     """Median distance of roots to the scalp; that of a groom too small to be on it, but beside it, is infinite."""
-    is_wide = roots.std(dim=0).norm() > _WIDE * triangles.flatten(0, 1).std(dim=0).norm()
+    is_wide = roots.std(dim=0, correction=0).norm() > _WIDE * triangles.flatten(0, 1).std(dim=0, correction=0).norm()
     return float(skin.query(roots)[0].abs().median()) if is_wide else float("inf")
 
 
@@ -143,7 +143,7 @@ def _placed(strands: Tensor, vertices: Tensor, faces: Tensor, scalp: Tensor) -> 
     targets = sample_roots(vertices, faces, scalp, _FINE, seed=0).positions(vertices).detach().cpu().double()
 
     axes = _axis_rotations()
-    spread = ends.std(dim=1).norm(dim=-1)
+    spread = ends.std(dim=1, correction=0).norm(dim=-1)
     spreading = (spread > _SAME_PLACE * (ends - ends[0, 0]).abs().amax()).nonzero()[:, 0]
     if not len(spreading):
         raise DynhairError("the strands all start and all end at one place", expected="hair rooted all over a scalp")

@@ -39,7 +39,8 @@ def read_strands(path: Path | str) -> StrandFile:
             ``.usd``, ``.usda``, ``.usdc`` or ``.usdz``.
 
     Returns:
-        The strands in the file's own unit and axes; see :func:`dynhair.strands.fitting.fit_to_scalp`.
+        The strands in the file's own unit and axes (those of USD stages in metres, y up); bring them onto a head with
+        :func:`dynhair.strands.fitting.fit_to_scalp`.
 
     Raises:
         DynhairError: the format is unknown, or the file cannot be read or holds anything but finite strands.
