@@ -205,8 +205,8 @@ def evaluate(avatar: Positional[Path], capture: Positional[Path], out: Path | No
 def prior(out: Path, styles: int = 1200, steps: int = 4000, seed: int = 0) -> None:
     """Make a hair prior: grow procedural hairstyles, learn to see strands in views of them, and report on it.
 
-    The package brings a prior along; this makes another. An interrupted making goes on where it was. Takes about an
-    hour on two cores, 5 GB of memory.
+    The package brings a prior along; this makes another. An interrupted making goes on where it was, and more steps go
+    on with one that is done. Takes about an hour on one core, and 7 GB of memory.
 
     Args:
         out: Folder for the prior, OUT/hair_prior.safetensors, its report, and what it is made from.
