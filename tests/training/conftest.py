@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from dynhair.prior.basis import fit_basis
 from dynhair.prior.encoders import EncoderSizes
 from dynhair.prior.hair_prior import HairPrior
 from dynhair.strands.scalp_map import directions, texel_uv
 from dynhair.training import static_hair
+from dynhair.training.rest_scene import RestScene
+from dynhair.training.static_model import POINTS
 
 
 @pytest.fixture(scope="session")
@@ -37,4 +41,21 @@ def quick_prior(small_prior: Path) -> Iterator[None]:
     """The small prior in the place of the package's own, which takes longer and is tested by itself."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(static_hair, "builtin_prior", lambda: HairPrior.load(small_prior))
+        yield
+
+
+def bristles(
+    scene: RestScene, count: int, seed: int, progress: Callable[[int, float], None]
+) -> Float[Tensor, "n 200 3"]:
+    """Short strands that stand off the scalp."""
+    positions, normals = scene.roots(count, seed)
+    progress(1, 1.0)
+    return positions[:, None] + torch.linspace(0, 0.02, POINTS)[:, None] * normals[:, None]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def quick_style() -> Iterator[None]:
+    """Bristles in the place of the search for a style, which takes seconds and is tested by itself."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(static_hair, "grown_style", bristles)
         yield

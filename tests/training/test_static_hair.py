@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import shutil
 import signal
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from dynhair.losses import PerceptualDistance
 from dynhair.progress import StageProgress
 from dynhair.strands import MeshDistance, segment_lengths
 from dynhair.strands.files import write_strands
-from dynhair.training import static_objective
+from dynhair.training import static_hair, static_objective
 from dynhair.training.checkpoint import Checkpoint
 from dynhair.training.frames import head_frame, rest_frame
 from dynhair.training.rest_scene import RestScene
@@ -171,6 +172,26 @@ def test_a_groom_from_a_file_takes_the_place_of_the_guess(capture_path: Path, co
     assert guess.shape == (60, 200, 3)
     nearest = torch.cdist(guess[:, ::20].flatten(1), made[:, ::20].flatten(1)).amin(1)
     assert nearest.median() < 0.05
+
+
+def test_what_looks_more_like_the_hair_begins(
+    capture_path: Path, config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grown: list[torch.Tensor] = []
+
+    def style(scene: RestScene, count: int, seed: int, progress: Callable[[int, float], None]) -> torch.Tensor:
+        positions, normals = scene.roots(count, seed)
+        grown.append(positions[:, None] + torch.linspace(0, 0.02, 200)[:, None] * normals[:, None])
+        return grown[-1]
+
+    monkeypatch.setattr(static_hair, "grown_style", style)
+    misfits = iter([0.2, 0.1, 0.1, 0.2])
+    monkeypatch.setattr(static_hair, "looks_apart", lambda *_: next(misfits))
+    for name in "ab":
+        fit(capture_path, tmp_path / name, with_steps(config, 0, 0))
+    starts = [Checkpoint.read(Run.open(tmp_path / name).moved_strands).model["hair.start"] for name in "ab"]
+    assert torch.equal(starts[0], grown[0])
+    assert not torch.equal(starts[1], grown[1])
 
 
 def test_orientations_and_static_views_are_optional(config: Config, tmp_path: Path) -> None:

@@ -1,8 +1,8 @@
 """The static stage: the canonical hairstyle from the views of the hair at rest (paper, "Canonical representation").
 
-The strand prior's encoders see the views and guess a hairstyle; they are trained on these views for a while; then the
-strands themselves are moved until they look like the hair (supplement B, "Canonical initialization"). A groom from a
-file can take the guess's place.
+The strand prior's encoders see the views and guess a hairstyle; they are trained on these views for a while. Beside
+them the numbers of a procedural style are searched for. From whichever looks more like the hair, the strands themselves
+are moved until they do (supplement B, "Canonical initialization"). A groom from a file can take the place of both.
 """
 
 from __future__ import annotations
@@ -28,11 +28,12 @@ from dynhair.training.rest_scene import RestScene
 from dynhair.training.run import Run, write_hair
 from dynhair.training.static_model import POINTS, DisplacedHair, EncodedHair, Paint
 from dynhair.training.static_objective import StaticObjective
-from dynhair.training.static_start import encoded_hair, groom_from_file
+from dynhair.training.static_start import encoded_hair, groom_from_file, grown_style, looks_apart
+from dynhair.training.style_search import search_length
 
 _TOTAL_WIDTH = 1.5
 _NARROWEST, _WIDEST = 1e-4, 4e-3
-_RATE_SHARED, _RATE_OWN, _RATE_PAINT = 2e-3, 6e-4, 1e-2
+_RATE_SHARED, _RATE_OWN, _RATE_PAINT = 1e-3, 2e-4, 1e-2
 _CLEARANCE = 5e-4
 
 
@@ -92,7 +93,7 @@ class StaticStage:
         return strands
 
     def _started(self, interruption: Interruption) -> Float[Tensor, "n 200 3"]:
-        """Where the strands begin: the file's groom, or what the encoders make of the views once trained on them."""
+        """Where the strands begin: the file's groom, the encoders' guess or a procedural style."""
         count = self.run.config.hair.strands
         if self.run.hair_init is not None:
             groom = groom_from_file(self.run.hair_init, self.scene, count, self.seed)
@@ -103,7 +104,23 @@ class StaticStage:
             write_hair(model(POINTS), self.run.first_guess)
         self._optimise(model, "encoders", self.config.encoder_iterations, self.run.encoders, interruption)
         with torch.no_grad():
-            return model(POINTS)
+            encoded = model(POINTS)
+        shown = self.progress.stage("canonical hair: style", search_length())
+
+        def tell(tried: int, least: float) -> None:
+            shown.update(tried, f"misfit {least:.3f}")
+            if interruption.requested:
+                raise KeyboardInterrupt
+
+        grown = grown_style(self.scene, count, self.seed, tell)
+        ours, theirs = (looks_apart(strands, self.scene, self.width) for strands in (encoded, grown))
+        self.console.print(
+            f"Misfit of the encoders' guess {ours:.3f}, of the best procedural style {theirs:.3f}: strands begin with "
+            f"the {'guess' if ours < theirs else 'style'}.",
+            highlight=False,
+            soft_wrap=True,
+        )
+        return encoded if ours < theirs else grown
 
     def _optimise(
         self, model: EncodedHair | DisplacedHair, name: str, iterations: int, path: Path, interruption: Interruption

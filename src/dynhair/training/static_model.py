@@ -21,6 +21,7 @@ _STRANDS_PER_GUIDE = 12
 _GUIDES = (16, 160)
 _REACH = 0.03
 _COLOUR_CONTROLS = 4
+_DEVIATION = 0.5
 
 
 class EncodedHair(nn.Module):
@@ -89,6 +90,9 @@ class DisplacedHair(nn.Module):
 class Paint(nn.Module):
     """Colours of hair and body at rest, the same from every side.
 
+    All strands share colours from root to tip; a strand's own deviate from them a little. Free colours would paint
+    strands that hang before the face like skin, in the place of moving them away.
+
     Args:
         strands: their number.
         body: number of the body's Gaussians.
@@ -100,15 +104,15 @@ class Paint(nn.Module):
         self, strands: int, body: int, hair_colour: Float[Tensor, "3"], body_colour: Float[Tensor, "3"]
     ) -> None:
         super().__init__()
-        self.hair = nn.Parameter(hair_colour.repeat(strands, _COLOUR_CONTROLS, 1))
+        self.hair = nn.Parameter(hair_colour.repeat(_COLOUR_CONTROLS, 1))
+        self.deviations = nn.Parameter(torch.zeros(strands, _COLOUR_CONTROLS, 1))
         self.body = nn.Parameter(body_colour.repeat(body, 1))
 
     def segments(self, count: int) -> Float[Tensor, "g 3"]:
         """Colours of ``count`` segments a strand, strand by strand."""
-        along = torch.nn.functional.interpolate(
-            self.hair.transpose(1, 2), count, mode="linear", align_corners=True
-        ).transpose(1, 2)
-        return along.flatten(0, 1)
+        controls = self.hair * (1 + _DEVIATION * torch.tanh(self.deviations))
+        along = torch.nn.functional.interpolate(controls.transpose(1, 2), count, mode="linear", align_corners=True)
+        return along.transpose(1, 2).flatten(0, 1)
 
 
 def _at_equal_steps(strands: Float[Tensor, "n l 3"], points: int) -> Float[Tensor, "n p 3"]:

@@ -1,21 +1,31 @@
-"""Where the static stage's strands begin: the strand prior's guess, or a groom from a file."""
+"""Where the static stage's strands begin: the strand prior's guess, a procedural style, or a groom from a file."""
 
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from pathlib import Path
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from dynhair.hairstyles import HeadField, grow_hairstyle
 from dynhair.prior.evidence import gather_evidence
 from dynhair.prior.hair_prior import HairPrior
-from dynhair.strands import texture_roots
+from dynhair.strands import resample_strands, texture_roots
 from dynhair.strands.files import read_strands
 from dynhair.strands.fitting import fit_to_scalp
 from dynhair.training.rest_scene import RestScene
 from dynhair.training.static_model import POINTS, EncodedHair
+from dynhair.training.static_views import RestViews
+from dynhair.training.style_search import misfit, search_style
+
+_SEARCH_STRANDS = 200
+_SEARCH_WIDTH = 1.2
+_SEARCH_VIEWS = 8
+_SEARCH_IMAGE = 96
+_GROWN_POINTS = 100
 
 
 def encoded_hair(scene: RestScene, prior: HairPrior, count: int, seed: int) -> EncodedHair:
@@ -34,6 +44,44 @@ def encoded_hair(scene: RestScene, prior: HairPrior, count: int, seed: int) -> E
     valid.view(-1)[texels] = True
     positions, _ = scene.roots(count, seed)
     return EncodedHair(copy.deepcopy(prior), evidence, valid, scene.frame, positions)
+
+
+def grown_style(
+    scene: RestScene, count: int, seed: int, progress: Callable[[int, float], None]
+) -> Float[Tensor, "n 200 3"]:
+    """The procedural style that looks most like the scene's views, grown from as many roots as are wanted.
+
+    Args:
+        scene: the rest frame.
+        count: strands.
+        seed: of roots and search.
+        progress: called after each hairstyle tried with their number and the least misfit so far.
+    """
+    field = HeadField.of(scene.vertices, scene.faces)
+    positions, normals = scene.roots(count, seed)
+    few = min(_SEARCH_STRANDS, count)
+    style, _ = search_style(
+        positions[:few],
+        normals[:few],
+        scene.frame,
+        field,
+        scene.body,
+        _few_views(scene),
+        _SEARCH_WIDTH / few,
+        seed=seed,
+        progress=progress,
+    )
+    return resample_strands(grow_hairstyle(style, positions, normals, scene.frame, field, _GROWN_POINTS), POINTS)
+
+
+def looks_apart(strands: Float[Tensor, "n l 3"], scene: RestScene, width: float) -> float:
+    """The misfit of strands of some width, metres, with a few small views; see :func:`style_search.misfit`."""
+    return misfit(strands, width, scene.body, _few_views(scene))
+
+
+def _few_views(scene: RestScene) -> RestViews:
+    chosen = torch.linspace(0, len(scene.views) - 1, min(_SEARCH_VIEWS, len(scene.views))).long().tolist()
+    return scene.views[chosen].resized(_SEARCH_IMAGE)
 
 
 def groom_from_file(path: Path, scene: RestScene, count: int, seed: int) -> Float[Tensor, "n 200 3"]:
