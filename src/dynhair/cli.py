@@ -89,7 +89,7 @@ def assets(
         arg(name=""),
     ],
 ) -> None:
-    """The networks that preprocessing runs, known by name and SHA-256.
+    """The networks of preprocessing and of perceptual losses, known by name and SHA-256.
 
     Args:
         action: What to do.
@@ -189,6 +189,9 @@ def render(
 
 def evaluate(avatar: Positional[Path], capture: Positional[Path], out: Path | None = None) -> None:
     """Measure an avatar on a capture's motions, held-out ones first: a table, metrics.json, side-by-side videos.
+
+    Its hair at rest is measured too, from views that training saw and from held-out ones; of a run that has not got
+    further than that, the hair alone.
 
     Args:
         avatar: The avatar's folder, or the run's.

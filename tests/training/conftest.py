@@ -45,11 +45,11 @@ def quick_prior(small_prior: Path) -> Iterator[None]:
 
 
 def bristles(
-    scene: RestScene, count: int, seed: int, progress: Callable[[int, float], None]
+    scene: RestScene, count: int, generations: int, seed: int, progress: Callable[[int, float], None]
 ) -> Float[Tensor, "n 200 3"]:
     """Short strands that stand off the scalp."""
     positions, normals = scene.roots(count, seed)
-    progress(1, 1.0)
+    progress(generations, 1.0)
     return positions[:, None] + torch.linspace(0, 0.02, POINTS)[:, None] * normals[:, None]
 
 

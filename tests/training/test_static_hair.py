@@ -179,7 +179,8 @@ def test_what_looks_more_like_the_hair_begins(
 ) -> None:
     grown: list[torch.Tensor] = []
 
-    def style(scene: RestScene, count: int, seed: int, progress: Callable[[int, float], None]) -> torch.Tensor:
+    def style(scene: RestScene, count: int, _: int, seed: int, progress: Callable[[int, float], None]) -> torch.Tensor:
+        progress(1, 1.0)
         positions, normals = scene.roots(count, seed)
         grown.append(positions[:, None] + torch.linspace(0, 0.02, 200)[:, None] * normals[:, None])
         return grown[-1]

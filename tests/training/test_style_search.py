@@ -53,10 +53,11 @@ def head() -> Head:
     return Head()
 
 
-def search(head: Head, views: RestViews, seed: int = 0) -> tuple[object, float, list[tuple[int, float]]]:
+def search(head: Head, views: RestViews, generations: int) -> tuple[object, float, list[tuple[int, float]]]:
     calls: list[tuple[int, float]] = []
     style, least = search_style(
-        head.positions, head.normals, head.frame, head.field, head.body, views, WIDTH, seed=seed,
+        head.positions, head.normals, head.frame, head.field, head.body, views, WIDTH,
+        generations=generations, seed=0,
         progress=lambda tried, least: calls.append((tried, least)),
     )  # fmt: skip
     return style, least, calls
@@ -73,20 +74,19 @@ def test_hair_fits_its_own_views_and_other_hair_does_not(head: Head) -> None:
 def test_the_search_gets_closer_and_counts_what_it_tries(head: Head, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(style_search, "FAMILIES", ("bob_straight", "cropped", "long_straight_middle"))
     monkeypatch.setattr(style_search, "FIRST_DRAWS", 2)
-    monkeypatch.setattr(style_search, "GENERATIONS", 2)
     monkeypatch.setattr(style_search, "POPULATION", 4)
     views = head.views(head.grow("bob_straight", 1000))
-    style, least, calls = search(head, views)
-    assert [tried for tried, _ in calls] == list(range(1, search_length() + 1))
+    style, least, calls = search(head, views, 2)
+    assert [tried for tried, _ in calls] == list(range(1, search_length(2) + 1))
     assert calls[-1][1] == least
     assert least < calls[0][1] or calls[0][1] == least
     assert least < misfit(head.grow("cropped", 0), WIDTH, head.body, views)
-    assert search(head, views)[0] == style
+    assert search(head, views, 2)[0] == style
 
 
 @pytest.mark.slow
 def test_a_style_that_was_not_among_the_draws_is_found(head: Head) -> None:
     strands = head.grow("long_straight_side", 1000)
-    _, least, calls = search(head, head.views(strands))
+    _, least, calls = search(head, head.views(strands), 20)
     assert least < 0.3
     assert least < 0.9 * calls[len(style_search.FAMILIES) * style_search.FIRST_DRAWS - 1][1]

@@ -12,7 +12,8 @@ from torch.nn import functional
 from dynhair.avatar import head_pose
 from dynhair.capture import Capture
 from dynhair.errors import DynhairError
-from dynhair.render import Gaussians, rasterize
+from dynhair.prior.evidence import body_depths
+from dynhair.render import Gaussians
 from dynhair.strands import MeshDistance, Roots, ScalpFrame, sample_roots, smooth_surface
 from dynhair.training.frames import rest_frame
 from dynhair.training.static_scene import surface_gaussians
@@ -21,7 +22,6 @@ from dynhair.training.surface import tracked_surface
 
 _PARTING_MARGIN = 0.008
 _ROOT_DEPTH = 0.01
-_OPAQUE = 0.5
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,6 @@ class RestScene:
             )
         vertices = (surface.vertices(segment.start + index) - pose.translation) @ pose.rotation
         body = surface_gaussians(vertices, surface.faces)
-        drawn = rasterize(body, views.cameras)
         return cls(
             vertices=vertices,
             faces=surface.faces,
@@ -81,7 +80,7 @@ class RestScene:
             obstacle=MeshDistance(vertices, surface.faces),
             body=body,
             views=views,
-            body_depth=torch.where(drawn.alpha > _OPAQUE, drawn.depth, torch.inf),
+            body_depth=body_depths(body, views.cameras),
         )
 
     def roots(self, count: int, seed: int) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:

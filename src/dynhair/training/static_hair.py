@@ -105,14 +105,15 @@ class StaticStage:
         self._optimise(model, "encoders", self.config.encoder_iterations, self.run.encoders, interruption)
         with torch.no_grad():
             encoded = model(POINTS)
-        shown = self.progress.stage("canonical hair: style", search_length())
+        generations = self.config.style_generations
+        shown = self.progress.stage("canonical hair: style", search_length(generations))
 
         def tell(tried: int, least: float) -> None:
             shown.update(tried, f"misfit {least:.3f}")
             if interruption.requested:
                 raise KeyboardInterrupt
 
-        grown = grown_style(self.scene, count, self.seed, tell)
+        grown = grown_style(self.scene, count, generations, self.seed, tell)
         ours, theirs = (looks_apart(strands, self.scene, self.width) for strands in (encoded, grown))
         self.console.print(
             f"Misfit of the encoders' guess {ours:.3f}, of the best procedural style {theirs:.3f}: strands begin with "

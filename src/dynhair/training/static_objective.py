@@ -110,7 +110,7 @@ class StaticObjective:
         terms = {
             "rgb": l1_loss(rgb, views.rgb),
             "ssim": ssim_loss(rgb, views.rgb),
-            "segmentation": segmentation_loss(images.coverage, views.hair),
+            "segmentation": segmentation_loss(images.coverage, views.hair, excess=weights.segmentation_excess),
             "orientation": direction_loss(images.direction, images.coverage, views.direction),
             "penetration": penetration_loss(points, self.scene.obstacle),
             "shape": shape_loss(strands, self._neighbours),

@@ -47,13 +47,14 @@ def encoded_hair(scene: RestScene, prior: HairPrior, count: int, seed: int) -> E
 
 
 def grown_style(
-    scene: RestScene, count: int, seed: int, progress: Callable[[int, float], None]
+    scene: RestScene, count: int, generations: int, seed: int, progress: Callable[[int, float], None]
 ) -> Float[Tensor, "n 200 3"]:
     """The procedural style that looks most like the scene's views, grown from as many roots as are wanted.
 
     Args:
         scene: the rest frame.
         count: strands.
+        generations: of the search.
         seed: of roots and search.
         progress: called after each hairstyle tried with their number and the least misfit so far.
     """
@@ -68,6 +69,7 @@ def grown_style(
         scene.body,
         _few_views(scene),
         _SEARCH_WIDTH / few,
+        generations=generations,
         seed=seed,
         progress=progress,
     )

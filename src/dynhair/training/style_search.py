@@ -22,9 +22,8 @@ from dynhair.training.static_scene import render_hair
 from dynhair.training.static_views import RestViews
 
 FIRST_DRAWS = 4
-GENERATIONS = 20
-POPULATION = 12
-_ELITE = 6
+POPULATION = 16
+_ELITE = 8
 _SPREAD = 1.2
 _LEAST_SPREAD = 0.02
 _BOUND_DRAWS = 20
@@ -34,9 +33,9 @@ _ORIENTATION = 0.5
 _INHERITED = frozenset({"tied", "seed"})
 
 
-def search_length() -> int:
-    """How many hairstyles a search tries."""
-    return len(FAMILIES) * FIRST_DRAWS + GENERATIONS * POPULATION
+def search_length(generations: int) -> int:
+    """How many hairstyles a search of so many generations after the first tries."""
+    return len(FAMILIES) * FIRST_DRAWS + generations * POPULATION
 
 
 def search_style(
@@ -48,6 +47,7 @@ def search_style(
     views: RestViews,
     width: float,
     *,
+    generations: int,
     seed: int,
     progress: Callable[[int, float], None],
 ) -> tuple[Style, float]:
@@ -64,6 +64,7 @@ def search_style(
         body: opaque Gaussians of head and torso, without hair.
         views: what is looked at; few and small ones do.
         width: of a strand, metres.
+        generations: after the first.
         seed: of the draws.
         progress: called after each hairstyle with the number tried and the least misfit so far.
 
@@ -87,7 +88,7 @@ def search_style(
     elite = rank(
         [random_style(family, seed * FIRST_DRAWS + draw) for family in FAMILIES for draw in range(FIRST_DRAWS)]
     )
-    for _ in range(GENERATIONS):
+    for _ in range(generations):
         numbers = torch.stack([_numbers(style) for style in elite])
         spread = _SPREAD * numbers.std(0) + _LEAST_SPREAD * (high - low)
         parents = torch.randint(len(elite), (POPULATION,), generator=generator)
