@@ -183,3 +183,8 @@ def test_an_unreadable_groom_leaves_no_run(capture: Path, tmp_path: Path) -> Non
     with pytest.raises(DynhairError, match="groom"):
         train(capture, tmp_path / "run", CONFIG, hair_init=groom, console=quiet())
     assert not (tmp_path / "run").exists()
+
+
+def test_a_resumed_run_takes_no_other_groom(capture: Path, trained: Path, tmp_path: Path) -> None:
+    with pytest.raises(DynhairError, match="keeps the hair"):
+        train(capture, trained, hair_init=tmp_path / "groom.hair", resume=True, console=quiet())

@@ -111,6 +111,7 @@ class StaticStage:
         def tell(tried: int, least: float) -> None:
             shown.update(tried, f"misfit {least:.3f}")
             if interruption.requested:
+                self.console.print("Stopped in the search for a style; --resume begins it anew.", highlight=False)
                 raise KeyboardInterrupt
 
         grown = grown_style(self.scene, count, generations, self.seed, tell)

@@ -72,7 +72,8 @@ def train(
         The trained avatar; None if the dynamic stage is not asked for.
 
     Raises:
-        DynhairError: the capture does not have what training needs, or ``out`` is taken, or is no run to resume.
+        DynhairError: the capture does not have what training needs; the groom is not readable; ``out`` is taken, is no
+            run to resume, or is to be resumed with another groom.
     """
     out, console = Path(out), console or Console()
     data = Capture.open(capture)
@@ -81,6 +82,13 @@ def train(
         if run.capture != data.path.resolve():
             raise DynhairError(
                 f"the run was trained on {run.capture}", path=out, expected=str(data.path), mend="name that capture"
+            )
+        if hair_init is not None:
+            raise DynhairError(
+                "a run that goes on keeps the hair that it began with",
+                path=out,
+                expected="no groom",
+                mend="leave out --hair-init, or begin another run",
             )
     else:
         if hair_init is not None:
