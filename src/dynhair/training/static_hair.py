@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -132,15 +133,7 @@ class StaticStage:
             roots = model(2)[:, 0]
         paint = self._paint(len(roots))
         stage = nn.ModuleDict({"hair": model, "paint": paint})
-        groups = (
-            model.rates(self.config.encoder_rate)
-            if isinstance(model, EncodedHair)
-            else [
-                {"params": [model.shared], "lr": _RATE_SHARED},
-                {"params": [model.own], "lr": _RATE_OWN},
-            ]
-        )
-        optimizer = torch.optim.Adam([*groups, {"params": list(paint.parameters()), "lr": _RATE_PAINT}])
+        optimizer = torch.optim.Adam([*self._groups(model), {"params": list(paint.parameters()), "lr": _RATE_PAINT}])
         rates = [group["lr"] for group in optimizer.param_groups]
         first = 0
         if path.exists():
@@ -171,6 +164,11 @@ class StaticStage:
                 self.console.print(f"Stopped after step {done} of the {name}; go on with --resume.", highlight=False)
                 raise KeyboardInterrupt
         return paint
+
+    def _groups(self, model: EncodedHair | DisplacedHair) -> list[dict[str, Any]]:
+        if isinstance(model, EncodedHair):
+            return [{"params": list(model.parameters()), "lr": self.config.encoder_rate}]
+        return [{"params": [model.shared], "lr": _RATE_SHARED}, {"params": [model.own], "lr": _RATE_OWN}]
 
     def _preview(self, strands: Float[Tensor, "n l 3"], paint: Paint) -> None:
         picture = hairstyle_picture(strands, self.width, self.scene, paint, self.background)

@@ -51,10 +51,6 @@ class EncodedHair(nn.Module):
         """Strands of that many points, head frame, metres."""
         return self.prior.strands(self.prior(self._evidence), self._valid, self._frame, self._positions, points)
 
-    def rates(self, rate: float) -> list[dict[str, object]]:
-        """The optimizer's groups."""
-        return [{"params": [p for p in self.prior.parameters() if p.requires_grad], "lr": rate}]
-
 
 class DisplacedHair(nn.Module):
     """Strands that move away from where they began, smoothly along their length.
