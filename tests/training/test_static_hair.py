@@ -187,7 +187,7 @@ def test_what_looks_more_like_the_hair_begins(
 
     monkeypatch.setattr(static_hair, "grown_style", style)
     misfits = iter([0.2, 0.1, 0.1, 0.2])
-    monkeypatch.setattr(static_hair, "looks_apart", lambda *_: next(misfits))
+    monkeypatch.setattr(static_hair, "misfit_in_few_views", lambda *_: next(misfits))
     for name in "ab":
         fit(capture_path, tmp_path / name, with_steps(config, 0, 0))
     starts = [Checkpoint.read(Run.open(tmp_path / name).moved_strands).model["hair.start"] for name in "ab"]

@@ -29,7 +29,7 @@ def preview_picture(images: AvatarImages, batch: Batch) -> UInt8[np.ndarray, "h 
         return torch.cat([tile for view in zip(rgb, coverage, strict=True) for tile in view], dim=1)
 
     rows = torch.cat([row(batch.rgb, batch.hair), row(images.rgb.detach().cpu(), images.hair.detach().cpu())])
-    return (rows.clamp(0, 1) * 255 + 0.5).byte().numpy()
+    return _picture(rows)
 
 
 def write_preview(picture: UInt8[np.ndarray, "h w 3"], path: Path) -> None:

@@ -14,7 +14,7 @@ from dynhair.capture import Capture
 from dynhair.errors import DynhairError
 from dynhair.prior.evidence import body_depths
 from dynhair.render import Gaussians
-from dynhair.strands import MeshDistance, Roots, ScalpFrame, sample_roots, smooth_surface
+from dynhair.strands import MeshDistance, ScalpFrame, sample_roots, smooth_surface
 from dynhair.training.frames import rest_frame
 from dynhair.training.static_scene import surface_gaussians
 from dynhair.training.static_views import RestViews, rest_views
@@ -90,7 +90,8 @@ class RestScene:
             count: number of roots.
             seed: of the draw.
         """
-        positions, normals = self._on_scalp(sample_roots(self.vertices, self.faces, self.scalp, 2 * count, seed))
+        sampled = sample_roots(self.vertices, self.faces, self.scalp, 2 * count, seed)
+        positions, normals = smooth_surface(sampled, self.vertices, self.faces)
         kept = torch.nonzero(~self.bare(positions, normals)).squeeze(1)[:count]
         if len(kept) < count:
             # Hardly any scalp grows hair: the hair is elsewhere than the scalp, and dropping roots would leave too few.
@@ -114,6 +115,3 @@ class RestScene:
             seen += visible
             hairy |= visible & (near[row, column] > 0.5)
         return (seen >= 2) & ~hairy
-
-    def _on_scalp(self, roots: Roots) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
-        return smooth_surface(roots, self.vertices, self.faces)

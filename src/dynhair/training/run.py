@@ -131,7 +131,7 @@ class Run:
 
     @property
     def first_guess(self) -> Path:
-        """The hair that the static stage began with."""
+        """What the prior's encoders made of the views before they were trained on them, or the groom from a file."""
         return self.path / "first_guess.safetensors"
 
 

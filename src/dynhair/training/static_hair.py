@@ -29,7 +29,7 @@ from dynhair.training.rest_scene import RestScene
 from dynhair.training.run import Run, write_hair
 from dynhair.training.static_model import POINTS, DisplacedHair, EncodedHair, Paint
 from dynhair.training.static_objective import StaticObjective
-from dynhair.training.static_start import encoded_hair, groom_from_file, grown_style, looks_apart
+from dynhair.training.static_start import encoded_hair, groom_from_file, grown_style, misfit_in_few_views
 from dynhair.training.style_search import search_length
 
 _TOTAL_WIDTH = 1.5
@@ -116,7 +116,7 @@ class StaticStage:
                 raise KeyboardInterrupt
 
         grown = grown_style(self.scene, count, generations, self.seed, tell)
-        ours, theirs = (looks_apart(strands, self.scene, self.width) for strands in (encoded, grown))
+        ours, theirs = (misfit_in_few_views(strands, self.scene, self.width) for strands in (encoded, grown))
         self.console.print(
             f"Misfit of the encoders' guess {ours:.3f}, of the best procedural style {theirs:.3f}: strands begin with "
             f"the {'guess' if ours < theirs else 'style'}.",

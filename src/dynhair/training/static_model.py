@@ -71,8 +71,9 @@ class DisplacedHair(nn.Module):
         super().__init__()
         guides, shares = _guides(start)
         self.register_buffer("start", start)
-        self.register_buffer("guides", guides)
-        self.register_buffer("shares", shares)
+        # Both follow from the start, so that a checkpoint need not hold them.
+        self.register_buffer("guides", guides, persistent=False)
+        self.register_buffer("shares", shares, persistent=False)
         self.shared = nn.Parameter(torch.zeros(int(guides.max()) + 1, _CONTROLS, 3))
         self.own = nn.Parameter(torch.zeros(len(start), _CONTROLS, 3))
 

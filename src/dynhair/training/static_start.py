@@ -76,7 +76,7 @@ def grown_style(
     return resample_strands(grow_hairstyle(style, positions, normals, scene.frame, field, _GROWN_POINTS), POINTS)
 
 
-def looks_apart(strands: Float[Tensor, "n l 3"], scene: RestScene, width: float) -> float:
+def misfit_in_few_views(strands: Float[Tensor, "n l 3"], scene: RestScene, width: float) -> float:
     """The misfit of strands of some width, metres, with a few small views; see :func:`style_search.misfit`."""
     return misfit(strands, width, scene.body, _few_views(scene))
 

@@ -61,8 +61,8 @@ def train(
         capture: the capture's folder; training reads its training segments alone, and never its ground truth.
         out: the run's folder; the avatar is written to its ``avatar``.
         config: sizes, iterations, weights; preset ``small`` by default. A resumed run keeps its own.
-        stages: ``static`` makes the canonical hair, ``dynamic`` the avatar; after ``static`` alone the run can be gone
-            on with.
+        stages: ``static`` makes the canonical hair, ``dynamic`` the avatar from it (and the hair where the run has
+            none); after ``static`` alone the run can be gone on with.
         hair_init: a groom to start the canonical hair from, in any of the formats of :mod:`dynhair.strands.files`, in
             the place of the strand prior's guess.
         resume: go on with the run in ``out``.
