@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -66,6 +67,7 @@ def test_an_error_stops_the_rest(tmp_path: Path) -> None:
 
     def work(item: int) -> None:
         seen.append(item)
+        time.sleep(0.005)  # else all may be done before the first error is noticed
         raise ValueError("bad view")
 
     with pytest.raises(ValueError, match="bad view"):
