@@ -75,6 +75,7 @@ def cut_capture(
         gravity=capture.manifest.gravity,
         background=capture.manifest.background,
         static_frame=old_ids.index(capture.static_frame) if static_names else None,
+        expression_basis=capture.expression_basis,
         notes=notes,
     )
     coding = ImageCoding("jpg", jpeg_quality, mask_levels, angle_step, coherence_levels)

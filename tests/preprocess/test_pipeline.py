@@ -16,7 +16,7 @@ from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 from dynhair.camera import Camera
-from dynhair.capture import Capture
+from dynhair.capture import Capture, ExpressionBasis
 from dynhair.errors import DynhairError
 from dynhair.face import face_anchors, open_head
 from dynhair.preprocess.landmarks import FaceLandmarks
@@ -132,6 +132,7 @@ def test_a_recording_becomes_a_capture_with_the_true_motion(finished: Path, face
     capture = Capture.open(finished)
     assert [(s.name, s.split) for s in capture.segments] == [("turn", "train"), ("nod", "test")]
     assert len(capture.static_names) == 2
+    assert capture.expression_basis == ExpressionBasis("open", open_head().expression_names)
     for segment in capture.segments:
         found, true = capture.track(segment), faces.capture.track(segment)
         turned = Rotation.from_matrix(found.rotations) * Rotation.from_matrix(true.rotations).inv()

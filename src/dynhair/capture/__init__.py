@@ -1,5 +1,6 @@
 """Captures on disk: multi-view images of a head in motion with masks, cameras and tracking."""
 
+from dynhair.capture.expression_basis import ExpressionBasis
 from dynhair.capture.manifest import Manifest
 from dynhair.capture.reader import Capture
 from dynhair.capture.records import GroundTruth, HeadTrack, Segment, TrackedMesh, View
@@ -8,6 +9,7 @@ from dynhair.capture.writer import CaptureWriter, ImageCoding
 __all__ = [
     "Capture",
     "CaptureWriter",
+    "ExpressionBasis",
     "GroundTruth",
     "HeadTrack",
     "ImageCoding",

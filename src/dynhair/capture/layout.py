@@ -11,7 +11,9 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
+from dynhair.capture.arrays import read_npz
 from dynhair.capture.encoding import read_size
+from dynhair.capture.expression_basis import ExpressionBasis
 from dynhair.capture.manifest import Manifest
 from dynhair.capture.records import Segment
 from dynhair.errors import DynhairError
@@ -19,6 +21,8 @@ from dynhair.errors import DynhairError
 EXTENSIONS = (".jpg", ".png", ".jpeg")
 DEFAULT_FPS = 25.0
 """A guess: a folder prepared for Gaussian Head Avatar does not say its frame rate."""
+_GAUSSIAN_HEAD_AVATAR_EXPRESSIONS = 64
+"""Of the Basel Face Model, as Gaussian Head Avatar's captures have them."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +120,8 @@ def guess_manifest(layout: Layout) -> Manifest:
     """Guess what a folder without ``capture.json`` holds.
 
     Every frame trains; frames whose ids leave gaps are several segments. The rate is 25 frames a second. The images are
-    taken to show their own background, as those of Gaussian Head Avatar do.
+    taken to show their own background, as those of Gaussian Head Avatar do; 64 expression coefficients are taken to be
+    those of its face model.
 
     Raises:
         DynhairError: there are no frames or no images in it.
@@ -141,4 +146,13 @@ def guess_manifest(layout: Layout) -> Manifest:
         camera_names=tuple(names),
         segments=tuple(Segment(label, run[0], len(run), "train") for label, run in zip(labels, runs, strict=True)),
         background=None,
+        expression_basis=_guess_expression_basis(layout.params(frames[0])),
     )
+
+
+def _guess_expression_basis(params: Path) -> ExpressionBasis | None:
+    try:
+        count = read_npz(params, {"exp_coeff": (1, None)})["exp_coeff"].shape[1]
+    except DynhairError:  # raised again by whoever needs the head's pose
+        return None
+    return ExpressionBasis("BFM 2009") if count == _GAUSSIAN_HEAD_AVATAR_EXPRESSIONS else None

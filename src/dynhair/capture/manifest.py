@@ -10,6 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from dynhair.capture.expression_basis import ExpressionBasis
 from dynhair.capture.records import Segment
 from dynhair.errors import DynhairError
 
@@ -29,6 +30,7 @@ class Manifest:
         gravity: m/s^2 in the world.
         background: sRGB in [0, 1] that the images stand on; None when they show their own background.
         static_frame: the frame whose head pose the static views show; None for the first frame of the capture.
+        expression_basis: whose expression coefficients the frames hold; None if that is not known.
         notes: everything else in the file, kept as it is.
     """
 
@@ -39,6 +41,7 @@ class Manifest:
     gravity: tuple[float, float, float] = (0.0, -9.81, 0.0)
     background: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
     static_frame: int | None = None
+    expression_basis: ExpressionBasis | None = None
     notes: Mapping[str, Any] | None = None
 
     def to_json(self) -> dict[str, Any]:
@@ -59,6 +62,7 @@ class Manifest:
                 {"motion": s.name, "start": s.start, "count": s.count, "split": s.split} for s in self.segments
             ],
             **({"static360": static} if static else {}),
+            **({"expression_basis": self.expression_basis.to_json()} if self.expression_basis else {}),
             **notes,
         }
 
@@ -96,7 +100,7 @@ class _Parser:
             self._problem(
                 f"`version` is {version!r}", f"{VERSION}", "open it with the release of dynhair that wrote it, or newer"
             )
-        known = {"version", "fps", "image_size", "gravity", "background", "segments"}
+        known = {"version", "fps", "image_size", "gravity", "background", "segments", "expression_basis"}
         static = raw.get("static360", {})
         frame = static.get("frame") if isinstance(static, Mapping) else None
         return Manifest(
@@ -109,6 +113,7 @@ class _Parser:
             if raw.get("background") is None
             else self._triple("background", raw["background"], 0.0, 1.0),
             static_frame=frame if _is_count(frame) else None,
+            expression_basis=self._expression_basis(raw.get("expression_basis")),
             notes={key: value for key, value in raw.items() if key not in known},
         )
 
@@ -143,6 +148,21 @@ class _Parser:
             )
             return ()
         return tuple(names)
+
+    def _expression_basis(self, value: Any) -> ExpressionBasis | None:
+        if value is None:
+            return None
+        if not isinstance(value, Mapping):
+            self._problem(f"`expression_basis` is {_short(value)}", 'an object such as {"name": "BFM 2009"}')
+            return None
+        name: Any = value.get("name")
+        names: Any = value.get("names", [])
+        before = len(self.problems)
+        if not _is_text(name):
+            self._problem(f"`expression_basis`: `name` is {_short(name)}", "the name of a face model")
+        if not isinstance(names, list) or not all(map(_is_text, names)) or len(set(names)) < len(names):
+            self._problem(f"`expression_basis`: `names` is {_short(names)}", "a list of distinct names, or no `names`")
+        return ExpressionBasis(name, tuple(names)) if len(self.problems) == before else None
 
     def _segments(self, value: Any) -> tuple[Segment, ...]:
         if not isinstance(value, list) or not value:
@@ -212,6 +232,10 @@ def _is_count(value: Any) -> bool:
 def _is_name(value: Any) -> bool:
     # names become parts of file names
     return isinstance(value, str) and _NAME.fullmatch(value) is not None
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str) and bool(value.strip())
 
 
 def _short(value: Any) -> str:

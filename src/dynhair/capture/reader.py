@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from dynhair.camera import Camera
 from dynhair.capture.arrays import read_npy, read_npz
 from dynhair.capture.encoding import read_size
+from dynhair.capture.expression_basis import ExpressionBasis
 from dynhair.capture.layout import Layout, guess_manifest, view_names
 from dynhair.capture.manifest import Manifest, parse_manifest
 from dynhair.capture.records import GroundTruth, HeadTrack, Segment, TrackedMesh, View
@@ -104,6 +105,11 @@ class Capture:
         return np.array(self.manifest.background or (0.0, 0.0, 0.0), np.float64)
 
     @property
+    def expression_basis(self) -> ExpressionBasis | None:
+        """Whose expression coefficients the frames hold; None if that is not known."""
+        return self.manifest.expression_basis
+
+    @property
     def camera_names(self) -> tuple[str, ...]:
         """The cameras that see every frame."""
         return self.manifest.camera_names
@@ -176,7 +182,8 @@ class Capture:
         """Read the head's motion over a segment.
 
         Raises:
-            DynhairError: the parameters of a frame are missing, damaged or not finite.
+            DynhairError: the parameters of a frame are missing, damaged or not finite, or their expression coefficients
+                are not as many as in the other frames and as `expression_basis` names.
         """
         if segment not in self._tracks:
             frames = [
@@ -190,6 +197,8 @@ class Capture:
                     path=self.layout.params(segment.start),
                     expected="the same number in all",
                 )
+            if self.expression_basis is not None:
+                self.expression_basis.require_size(max(widths), self.layout.manifest)
             poses = np.array([frame["pose"][0] for frame in frames], np.float64)
             self._tracks[segment] = HeadTrack(
                 rotations=Rotation.from_rotvec(poses[:, :3]).as_matrix(),
@@ -197,6 +206,7 @@ class Capture:
                 expressions=np.array([frame["exp_coeff"][0] for frame in frames], np.float32),
                 fps=self.fps,
                 gravity=self.gravity,
+                expression_basis=self.expression_basis,
             )
         return self._tracks[segment]
 

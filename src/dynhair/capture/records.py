@@ -9,6 +9,8 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Int64
 from torch import Tensor
 
+from dynhair.capture.expression_basis import ExpressionBasis
+
 Split = Literal["train", "test"]
 
 
@@ -64,6 +66,7 @@ class HeadTrack:
         expressions: expression coefficients.
         fps: frames per second.
         gravity: gravity in the world, m/s^2.
+        expression_basis: whose coefficients ``expressions`` are; None if that is not known.
     """
 
     rotations: Float64[np.ndarray, "f 3 3"]
@@ -71,6 +74,7 @@ class HeadTrack:
     expressions: Float32[np.ndarray, "f e"]
     fps: float
     gravity: Float64[np.ndarray, " 3"]
+    expression_basis: ExpressionBasis | None = None
 
 
 @dataclass(frozen=True)

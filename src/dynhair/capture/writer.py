@@ -109,7 +109,12 @@ class CaptureWriter:
             translation: position of the head frame's origin, metres.
             expression: coefficients.
             scale: metres per unit of the face model; kept for Gaussian Head Avatar.
+
+        Raises:
+            DynhairError: the manifest's ``expression_basis`` names another number of coefficients.
         """
+        if self.manifest.expression_basis is not None:
+            self.manifest.expression_basis.require_size(len(expression))
         path = _with_folder(self.layout.params(frame))
         pose = np.concatenate([Rotation.from_matrix(rotation).as_rotvec(), translation])
         np.savez(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
 
+from dynhair.capture import ExpressionBasis
 from dynhair.capture.check import check_capture
 from dynhair.face import face_model
 from dynhair.preprocess.importing import import_step
@@ -73,7 +75,8 @@ def preprocess(
             if step.run(progress, begin):
                 console.print(f"{step.title}: {step.sheet}", highlight=False, soft_wrap=True)
     if not workspace.layout.manifest.exists():
-        write_json(workspace.layout.manifest, workspace.manifest.to_json())
+        basis = ExpressionBasis(model.name, model.expression_names)
+        write_json(workspace.layout.manifest, replace(workspace.manifest, expression_basis=basis).to_json())
     page = write_report(workspace, steps, check_capture(workspace.root, console=console))
     console.print(f"the capture: {workspace.root}\nwhat was found: {page}", highlight=False, soft_wrap=True)
     return page

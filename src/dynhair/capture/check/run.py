@@ -74,6 +74,7 @@ def check_capture(path: Path | str, *, console: Console | None = None) -> list[F
     with _progress(console, frames * (1 + len(manifest.camera_names))) as advance:
         facts = tracking.run(advance)
         findings += tracking.findings
+        _check_expression_basis(layout, manifest, facts, findings)
         jobs = [*_frame_jobs(layout, manifest, facts), *_static_jobs(layout, manifest, facts, findings)]
         kinds = tuple(kind for kind in ("hair", "orient") if layout.has_any(kind))
         check = ViewChecker(layout, manifest.image_size, kinds, manifest.background)
@@ -167,6 +168,18 @@ def _check_ground_truth(layout: Layout, manifest: Manifest, findings: list[Findi
             findings.append(Finding.from_error(error, layout.root))
 
 
+def _check_expression_basis(
+    layout: Layout, manifest: Manifest, facts: dict[int, FrameFacts], findings: list[Finding]
+) -> None:
+    counts = {known.expression_count for known in facts.values() if known.expression_count is not None}
+    if manifest.expression_basis is None or len(counts) != 1:  # frames that differ are a fault of their own
+        return
+    try:
+        manifest.expression_basis.require_size(counts.pop(), layout.manifest)
+    except DynhairError as error:
+        findings.append(Finding.from_error(error, layout.root))
+
+
 def _frame_jobs(layout: Layout, manifest: Manifest, facts: dict[int, FrameFacts]) -> Iterator[ViewJob]:
     for frame, known in facts.items():
         for name in manifest.camera_names:
@@ -222,9 +235,20 @@ def _summary(capture: Capture) -> str:
         parts.append(f"{len(capture.static_names)} static views")
     if capture.mesh is not None:
         parts.append(f"mesh of {len(capture.mesh.follow):,} vertices")
+    parts.append(_expressions(capture))
     parts += [
         label
         for kind, label in (("hair", "hair masks"), ("orient", "orientation maps"))
         if capture.layout.has_any(kind)
     ]
     return f"{capture.name}: " + ", ".join(parts)
+
+
+def _expressions(capture: Capture) -> str:
+    basis = capture.expression_basis
+    model = "a face model that is not named" if basis is None else f"the face model `{basis.name}`"
+    try:
+        track = capture.track(replace(capture.segments[0], count=1))
+    except DynhairError:  # is among the findings
+        return f"expressions of {model}"
+    return f"{track.expressions.shape[1]} expression coefficients of {model}"
