@@ -109,12 +109,17 @@ class HeadConfig:
     """Gaussians of head and upper body (paper, appendix A).
 
     Attributes:
-        gaussians: their number.
+        gaussians: their number on the surface.
+        mouth_gaussians: those sampled around the mouth.
+        follow_weights: whether each Gaussian has a learned weight between the head's motion and the body's; without
+            them all are moved with the head, as in the paper, and the pose deformation MLP holds the torso back.
+        colour_channels: channels that the head is drawn in; the first three are colours.
         features: learned features of a Gaussian.
         deformation_width: hidden size of the expression deformation MLP and of the pose deformation MLP.
         deformation_layers: hidden layers of the expression deformation MLP; the pose one has two.
         appearance_width: hidden size of the colour and attribute MLPs.
-        deformation_scale: bound of a branch's displacement, metres. It must let the torso rest while the head turns.
+        deformation_scale: bound of a branch's displacement, metres. Without follow weights it must be wide enough for
+            the torso to rest while the head turns (0.2).
         attribute_scale: factor on the attribute MLPs' outputs.
         near: up to this distance from the landmarks, metres, a point follows the expression alone.
         far: from this distance, metres, a point follows the pose alone.
@@ -122,11 +127,14 @@ class HeadConfig:
     """
 
     gaussians: int = 20_000
+    mouth_gaussians: int = 600
+    follow_weights: bool = True
+    colour_channels: int = 3
     features: int = 32
     deformation_width: int = 64
     deformation_layers: int = 3
     appearance_width: int = 32
-    deformation_scale: float = 0.2
+    deformation_scale: float = 0.05
     attribute_scale: float = 0.2
     near: float = 0.03
     far: float = 0.05
@@ -162,6 +170,10 @@ class LearningRates:
     head_means: float = 1e-5
     head_features: float = 1e-3
     head_rotations: float = 1e-3
+    head_follow: float = 5e-3
+    body_response: float = 1e-4
+    scalp_cover: float = 1e-2
+    pose_correction: float = 1e-5
 
 
 @dataclass(frozen=True)
@@ -212,7 +224,12 @@ PRESETS: Mapping[str, Config] = {
         hair=HairConfig(strands=600, points=24, deformer=DeformerConfig(hidden=64, width=64)),
         static=StaticConfig(encoder_iterations=20, style_generations=8, iterations=250),
         head=HeadConfig(
-            gaussians=8000, features=16, deformation_width=48, appearance_width=16, tracking_iterations=500
+            gaussians=8000,
+            mouth_gaussians=300,
+            features=16,
+            deformation_width=48,
+            appearance_width=16,
+            tracking_iterations=500,
         ),
         training=TrainingConfig(iterations=1200, checkpoint_every=300, preview_every=300),
     ),
@@ -220,7 +237,9 @@ PRESETS: Mapping[str, Config] = {
     "medium": Config(
         hair=HairConfig(strands=5000, points=40),
         static=StaticConfig(encoder_iterations=400, iterations=4000, views=4, weights=StaticWeights(perceptual=0.01)),
-        head=HeadConfig(gaussians=60_000, features=64, deformation_width=128, appearance_width=64),
+        head=HeadConfig(
+            gaussians=60_000, mouth_gaussians=1500, features=64, deformation_width=128, appearance_width=64
+        ),
         training=TrainingConfig(iterations=40_000, views=4, image_size=512, checkpoint_every=1000),
     ),
     "paper": Config(
@@ -233,7 +252,12 @@ PRESETS: Mapping[str, Config] = {
             weights=StaticWeights(perceptual=0.01, segmentation_excess=0.5),
         ),
         head=HeadConfig(
-            gaussians=140_000, features=128, deformation_width=256, deformation_layers=5, appearance_width=256
+            gaussians=140_000,
+            mouth_gaussians=3000,
+            features=128,
+            deformation_width=256,
+            deformation_layers=5,
+            appearance_width=256,
         ),
         training=TrainingConfig(
             iterations=320_000, views=4, image_size=1024, penetration_points=10_000, checkpoint_every=2000

@@ -11,9 +11,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from dynhair.avatar import Avatar, Hair, Head, head_pose
-from dynhair.avatar.avatar import multiply_quaternions, rotation_quaternion
-from dynhair.avatar.head import facing
+from dynhair.avatar import Avatar, Hair, Head, HeadStart, ScalpLayer, head_pose
 from dynhair.camera import Camera
 from dynhair.capture import HeadTrack
 from dynhair.config import DeformerConfig, HeadConfig
@@ -44,8 +42,18 @@ def avatar() -> Avatar:
     hair = Hair(strands, 0.002, torch.tensor([0.4, 0.2, 0.1]), DeformerConfig(hidden=8, width=16, history=2))
     means = torch.nn.functional.normalize(torch.randn(100, 3), dim=1) * 0.09
     config = HeadConfig(gaussians=100, features=4, deformation_width=8, appearance_width=8)
-    head = Head(means, means / 0.09, torch.full((100,), 0.01), means[:5], torch.tensor([0.0, 0.7, 0.0]), 4, config)
-    avatar = Avatar(hair, head, SignalNormalizer(torch.ones(3), torch.ones(3)), torch.tensor([0.1, 0.2, 0.3]))
+    start = HeadStart(
+        means=means,
+        normals=means / 0.09,
+        spacing=torch.full((100,), 0.01),
+        colours=torch.rand(100, 3),
+        opacities=torch.full((100,), 0.95),
+        follow=torch.rand(100),
+    )
+    head = Head(start, means[:5], head_pose(head_track(), 0), config)
+    scalp = ScalpLayer.under(strands[:, 0], means, torch.arange(0, 100, 5))
+    normalizer = SignalNormalizer(torch.ones(3), torch.ones(3))
+    avatar = Avatar(hair, head, normalizer, torch.tensor([0.1, 0.2, 0.3]), scalp)
     with torch.no_grad():
         for parameter in avatar.hair.deformer.mlp.parameters():
             parameter.copy_(torch.randn_like(parameter) * 0.2)
@@ -89,6 +97,8 @@ def test_drawing_is_differentiable_in_every_parameter(avatar: Avatar) -> None:
 
 
 def test_turning_everything_with_the_camera_changes_no_label(avatar: Avatar) -> None:
+    assert avatar.head.follow_logits is not None
+    torch.nn.init.constant_(avatar.head.follow_logits, 50.0)  # no body that would stay behind
     turn = Rotation.from_euler("y", 0.7).as_matrix()
     still = np.tile(np.eye(3), (FRAMES, 1, 1))
     plain, turned = head_track(still), head_track(turn @ still)
@@ -140,29 +150,7 @@ def test_damaged_avatars_are_named(avatar: Avatar, tmp_path: Path) -> None:
         Avatar.load(tmp_path / "none")
 
 
-def test_discs_face_along_their_normals() -> None:
-    normals = torch.nn.functional.normalize(torch.randn(50, 3, generator=torch.Generator().manual_seed(0)), dim=1)
-    normals = torch.cat([normals, torch.tensor([[0.0, 0, 1], [0, 0, -1], [1, 0, 0]])])
-    turned = Rotation.from_quat(np.roll(facing(normals).numpy(), -1, axis=1)).apply([0, 0, 1])
-    np.testing.assert_allclose(np.abs((turned * normals.numpy()).sum(1)), 1, atol=1e-6)
-
-
 def test_expressions_of_another_face_model_are_refused(avatar: Avatar) -> None:
     track = replace(head_track(), expressions=np.zeros((FRAMES, 3), np.float32))
     with pytest.raises(DynhairError, match="3 expression coefficients"):
         avatar.pose(track, 0)
-
-
-def test_quaternions_are_scipys() -> None:
-    rotations = Rotation.from_rotvec(np.random.default_rng(0).normal(size=(6, 3)))
-    wxyz = torch.from_numpy(np.roll(rotations.as_quat(), 1, axis=1))
-    product = multiply_quaternions(wxyz[0], wxyz[1:])
-    expected = np.roll((rotations[0] * rotations[1:]).as_quat(), 1, axis=1)
-    sign = np.sign((product.numpy() * expected).sum(1, keepdims=True))
-    np.testing.assert_allclose(product.numpy(), expected * sign, atol=1e-12)
-    track = head_track(rotations.as_matrix()[:FRAMES])
-    for frame in range(FRAMES):
-        own = rotation_quaternion(head_pose(track, frame)).double().numpy()
-        assert abs(abs(own @ wxyz[frame].numpy()) - 1) < 1e-6
-    identity = rotation_quaternion(head_pose(head_track(np.tile(np.eye(3), (FRAMES, 1, 1))), 0))
-    torch.testing.assert_close(identity, torch.tensor([1.0, 0, 0, 0]))

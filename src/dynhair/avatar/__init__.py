@@ -1,9 +1,11 @@
 """The avatar: hair, head, and their union."""
 
-from dynhair.avatar.avatar import Avatar, AvatarImages, PosedAvatar, head_pose
+from dynhair.avatar.avatar import Avatar, AvatarImages, PosedAvatar
 from dynhair.avatar.deformer import HairDeformer
 from dynhair.avatar.hair import Hair
-from dynhair.avatar.head import Head, HeadGaussians, HeadPose
+from dynhair.avatar.head import Head, HeadGaussians, HeadStart
+from dynhair.avatar.head_pose import HeadPose, head_pose
+from dynhair.avatar.scalp_layer import ScalpLayer
 
 __all__ = [
     "Avatar",
@@ -13,6 +15,8 @@ __all__ = [
     "Head",
     "HeadGaussians",
     "HeadPose",
+    "HeadStart",
     "PosedAvatar",
+    "ScalpLayer",
     "head_pose",
 ]

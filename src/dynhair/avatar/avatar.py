@@ -15,17 +15,19 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynhair.avatar.hair import Hair
-from dynhair.avatar.head import Head, HeadGaussians, HeadPose
+from dynhair.avatar.head import Head, HeadGaussians, HeadStart
+from dynhair.avatar.head_pose import HeadPose, head_pose
+from dynhair.avatar.scalp_layer import ScalpLayer
 from dynhair.camera import Camera
 from dynhair.capture import HeadTrack
 from dynhair.config import DeformerConfig, HeadConfig
 from dynhair.errors import DynhairError
-from dynhair.motion import MotionSignals, SignalNormalizer, motion_signals, motion_window, so3_log
+from dynhair.motion import MotionSignals, SignalNormalizer, motion_signals, motion_window
 from dynhair.render import Gaussians, rasterize
 from dynhair.storage import atomic_folder, read_json, write_json
 from dynhair.strands import decode_orientation, projected_orientation, root_taper, strand_gaussians
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 DESCRIPTION = "avatar.json"
 TENSORS = "avatar.safetensors"
 
@@ -36,13 +38,11 @@ class PosedAvatar:
 
     Attributes:
         strands: in the world, metres.
-        head: the head's Gaussians, in the head frame.
-        pose: the head's pose.
+        head: the head's Gaussians, in the world.
     """
 
     strands: Float[Tensor, "n l 3"]
     head: HeadGaussians
-    pose: HeadPose
 
 
 class AvatarImages(NamedTuple):
@@ -76,15 +76,24 @@ class Avatar(nn.Module):
         head: Gaussians of head and upper body.
         normalizer: scales of the motion signals, from the training motions.
         background: colour behind everything.
+        scalp: what makes the skin under the hair count as hair; none by default.
     """
 
     background: Tensor
 
-    def __init__(self, hair: Hair, head: Head, normalizer: SignalNormalizer, background: Float[Tensor, "3"]) -> None:
+    def __init__(
+        self,
+        hair: Hair,
+        head: Head,
+        normalizer: SignalNormalizer,
+        background: Float[Tensor, "3"],
+        scalp: ScalpLayer | None = None,
+    ) -> None:
         super().__init__()
         self.hair = hair
         self.head = head
         self.normalizer = normalizer
+        self.scalp = ScalpLayer.blank(0) if scalp is None else scalp
         self.register_buffer("background", background.clone())
 
     @property
@@ -132,29 +141,38 @@ class Avatar(nn.Module):
     def posed(self, pose: HeadPose, window: Float[Tensor, "t 9"] | None) -> PosedAvatar:
         """The avatar in a given pose, with hair under the given motion conditions (None: rigid)."""
         strands = self.hair(window) @ pose.rotation.T + pose.translation
-        return PosedAvatar(strands, self.head(pose), pose)
+        return PosedAvatar(strands, self.head(pose))
 
     def render(self, posed: PosedAvatar, cameras: Sequence[Camera]) -> AvatarImages:
         """Draw hair and head together in one pass: colour, labels, hair direction."""
-        pose, head = posed.pose, posed.head
+        head = posed.head
         hair = strand_gaussians(posed.strands, self.hair.width, root_taper(posed.strands.shape[1] - 1))
-        head_means = head.means @ pose.rotation.T + pose.translation
         colours = self.hair.colours(hair.means, torch.stack([camera.centre for camera in cameras]))
         directions = torch.stack([projected_orientation(hair.means, hair.directions, camera) for camera in cameras])
         label = colours.new_tensor([1.0, 0.0]).expand(*colours.shape[:2], 2)
-        head_rest = colours.new_tensor([0.0, 1.0, 0.0, 0.0]).expand(len(head_means), 4)
-        head_features = torch.cat([head.colours, head_rest], 1).expand(len(cameras), -1, -1)
         gaussians = Gaussians(
-            means=torch.cat([hair.means, head_means]),
-            quats=torch.cat([hair.quats, multiply_quaternions(rotation_quaternion(pose), head.quats)]),
+            means=torch.cat([hair.means, head.means]),
+            quats=torch.cat([hair.quats, head.quats]),
             scales=torch.cat([hair.scales, head.scales]),
             opacities=torch.cat([hair.means.new_ones(len(hair.means)), head.opacities]),
-            features=torch.cat([torch.cat([colours, label, directions], -1), head_features], 1),
+            features=torch.cat(
+                [torch.cat([colours, label, directions], -1), self._head_features(head, colours, len(posed.strands))], 1
+            ),
         )
         background = torch.cat([self.background, self.background.new_zeros(4)])
         images = rasterize(gaussians, cameras, background=background)
         rgb, label, direction = images.features.split([3, 2, 2], dim=-1)
         return AvatarImages(rgb, label[..., 0], label[..., 1], direction, images.alpha)
+
+    def _head_features(
+        self, head: HeadGaussians, hair_colours: Float[Tensor, "v g 3"], strands: int
+    ) -> Float[Tensor, "v k 7"]:
+        """Colour, labels and direction of the head's Gaussians; the scalp's are partly hair, of no direction."""
+        own = torch.cat([head.colours, head.colours.new_tensor([0.0, 1.0, 0.0, 0.0]).expand(len(head.means), 4)], 1)
+        rows, cover, colours = self.scalp(hair_colours, strands)
+        as_hair = torch.cat([colours, colours.new_tensor([1.0, 0.0, 0.0, 0.0]).expand(*colours.shape[:2], 4)], -1)
+        covered = torch.lerp(own[rows].expand_as(as_hair), as_hair, cover[:, None])
+        return own.expand(len(colours), -1, -1).index_copy(1, rows, covered)
 
     def save(self, path: Path | str) -> None:
         """Write the avatar as a folder, atomically: ``avatar.json`` and ``avatar.safetensors``."""
@@ -165,6 +183,7 @@ class Avatar(nn.Module):
             "expression_size": self.head.expression_size,
             "deformer": dataclasses.asdict(self.hair.deformer.config),
             "head": dataclasses.asdict(self.head.config),
+            "scalp": list(self.scalp.strands.shape),
         }
         tensors = {name: value.detach().cpu().contiguous() for name, value in self.state_dict().items()}
         with atomic_folder(path) as folder:
@@ -212,46 +231,9 @@ class Avatar(nn.Module):
             torch.zeros(3),
             DeformerConfig(**description["deformer"]),
         )
-        means = tensors["head.means"]
-        head = Head(
-            means,
-            torch.ones_like(means),
-            torch.ones(len(means)),
-            torch.zeros(1, 3),
-            torch.zeros(3),
-            int(description["expression_size"]),
-            HeadConfig(**description["head"]),
-        )
-        return cls(hair, head, SignalNormalizer(torch.ones(3), torch.ones(3)), torch.zeros(3))
-
-
-def head_pose(track: HeadTrack, frame: int, device: torch.device | str = "cpu") -> HeadPose:
-    """The pose and expression of one frame of a track."""
-    rotation = torch.from_numpy(track.rotations[frame])
-    return HeadPose(
-        rotation=rotation.float().to(device),
-        translation=torch.from_numpy(track.translations[frame]).float().to(device),
-        rotation_vector=so3_log(rotation).float().to(device),
-        expression=torch.from_numpy(track.expressions[frame]).float().to(device),
-    )
-
-
-def rotation_quaternion(pose: HeadPose) -> Float[Tensor, "4"]:
-    """The pose's rotation as a unit quaternion, wxyz."""
-    half = pose.rotation_vector / 2
-    angle = torch.linalg.vector_norm(half)
-    return torch.cat([angle.cos()[None], half * torch.sinc(angle / torch.pi)])
-
-
-def multiply_quaternions(a: Float[Tensor, "4"], b: Float[Tensor, "k 4"]) -> Float[Tensor, "k 4"]:
-    """Hamilton products, wxyz: rotate by ``b``, then by ``a``."""
-    w, x, y, z = a
-    left = torch.stack(
-        [
-            torch.stack([w, -x, -y, -z]),
-            torch.stack([x, w, -z, y]),
-            torch.stack([y, z, w, -x]),
-            torch.stack([z, -y, x, w]),
-        ]
-    )
-    return b @ left.T
+        rest = HeadPose(torch.eye(3), torch.zeros(3), torch.zeros(3), torch.zeros(int(description["expression_size"])))
+        start = HeadStart.blank(len(tensors["head.means"]))
+        head = Head(start, torch.zeros(1, 3), rest, HeadConfig(**description["head"]))
+        scalp = ScalpLayer.blank(*description["scalp"])
+        normalizer = SignalNormalizer(torch.ones(3), torch.ones(3))
+        return cls(hair, head, normalizer, torch.zeros(3), scalp)

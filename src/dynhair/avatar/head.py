@@ -1,4 +1,8 @@
-"""Head and upper body: Gaussians moved by expression and pose (paper, appendix A)."""
+"""The Gaussian head and upper body: canonical Gaussians moved and coloured by small MLPs.
+
+Paper, appendix A, "Dynamic Head Avatar". Lengths are metres; the networks see them in units of about the paper's
+canonical ones (0.1 m).
+"""
 
 from __future__ import annotations
 
@@ -8,8 +12,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from dynhair.avatar.branches import Branches, expression_weight
 from dynhair.avatar.encoding import encoded_size, positional_encoding
-from dynhair.avatar.mlp import PointMLP
+from dynhair.avatar.head_pose import HeadPose
+from dynhair.avatar.skinning import Skinning
 from dynhair.config import HeadConfig
 
 CANONICAL_UNIT = 0.1  # metres; positions and translations are encoded in this unit
@@ -18,163 +24,130 @@ ENCODING_FREQUENCIES = 4
 # would vanish in anything thick.
 DISC = (0.8, 0.8, 0.15)
 ATTRIBUTES = 8  # offsets of 3 log-scales, 4 quaternion components, 1 opacity logit
+LEAST_FOLLOW = 0.002  # what lies between it and its complement can be learned
 
 
 @dataclass(frozen=True)
-class HeadPose:
-    """What drives the head in one frame.
+class HeadStart:
+    """What a head begins as: points on a surface in the head frame of the rest frame, metres.
 
     Attributes:
-        rotation: of the head frame in the world.
-        translation: of the head frame's origin, metres.
-        rotation_vector: the rotation as axis times angle, radians.
-        expression: coefficients of the face model.
+        means: positions.
+        normals: unit surface normals; the Gaussians start as discs in the surface.
+        spacing: distance of each to its neighbours.
+        colours: in [0, 1].
+        opacities: in (0, 1).
+        follow: 1 for what moves with the head, 0 for what moves with the body.
     """
 
-    rotation: Float[Tensor, "3 3"]
-    translation: Float[Tensor, "3"]
-    rotation_vector: Float[Tensor, "3"]
-    expression: Float[Tensor, " e"]
+    means: Float[Tensor, "k 3"]
+    normals: Float[Tensor, "k 3"]
+    spacing: Float[Tensor, " k"]
+    colours: Float[Tensor, "k 3"]
+    opacities: Float[Tensor, " k"]
+    follow: Float[Tensor, " k"]
+
+    @classmethod
+    def blank(cls, count: int) -> HeadStart:
+        """A start of the right sizes, for a head whose parameters are to be loaded."""
+        ones = torch.ones(count)
+        return cls(torch.zeros(count, 3), torch.ones(count, 3), ones, torch.zeros(count, 3), ones / 2, ones / 2)
 
 
 @dataclass(frozen=True)
 class HeadGaussians:
-    """The posed head in its own frame: metres, standard deviations, wxyz, [0, 1], unclamped colours."""
+    """The posed head in the world: metres, standard deviations, wxyz, [0, 1], unclamped colours."""
 
     means: Float[Tensor, "k 3"]
     scales: Float[Tensor, "k 3"]
     quats: Float[Tensor, "k 4"]
     opacities: Float[Tensor, " k"]
-    colours: Float[Tensor, "k 3"]
+    colours: Float[Tensor, "k c"]
 
 
 class Head(nn.Module):
     """Canonical Gaussians and three pairs of MLPs: deformation, colour, attributes.
 
     Near the landmarks the expression branch rules, far from them the pose branch; between, they blend linearly with
-    the distance. A branch is evaluated only where its weight is not zero. Beyond the paper, every Gaussian has a colour
-    of its own to which the colour MLPs add: a face is recognisable after hundreds of steps instead of thousands.
+    the distance. Beyond the paper, every Gaussian has
+
+    - a colour of its own to which the colour MLPs add: a face is recognisable after hundreds of steps instead of
+      thousands;
+    - a follow weight of its own between the head's motion and the body's (:class:`~dynhair.avatar.skinning.Skinning`),
+      so that the torso stays while the head turns and the neck bends between.
 
     Args:
-        means: canonical positions in the head frame, metres.
-        normals: unit surface normals there; the Gaussians start as discs in the surface.
-        spacing: distance of each Gaussian to its neighbours, metres.
+        start: the canonical Gaussians.
         landmarks: facial landmarks in the head frame, metres.
-        rest_translation: the head's translation at rest, metres.
-        expression_size: number of expression coefficients.
+        rest: the rest frame's pose; its expression says how many coefficients there are.
         config: sizes and bounds.
     """
 
     expression_weight: Tensor
-    rest_translation: Tensor
 
-    def __init__(
-        self,
-        means: Float[Tensor, "k 3"],
-        normals: Float[Tensor, "k 3"],
-        spacing: Float[Tensor, " k"],
-        landmarks: Float[Tensor, "m 3"],
-        rest_translation: Float[Tensor, "3"],
-        expression_size: int,
-        config: HeadConfig,
-    ) -> None:
+    def __init__(self, start: HeadStart, landmarks: Float[Tensor, "m 3"], rest: HeadPose, config: HeadConfig) -> None:
         super().__init__()
         self.config = config
-        self.expression_size = expression_size
-        count = len(means)
-        self.means = nn.Parameter(means.clone())
+        self.expression_size = expression = len(rest.expression)
+        count, channels = len(start.means), config.colour_channels
+        self.means = nn.Parameter(start.means.clone())
         self.features = nn.Parameter(torch.randn(count, config.features) * 0.1)
-        self.log_scales = nn.Parameter((spacing[:, None] * spacing.new_tensor(DISC)).log())
-        self.quats = nn.Parameter(facing(normals))
-        self.opacity_logits = nn.Parameter(torch.full((count,), 3.0))
-        self.base_colours = nn.Parameter(torch.full((count, 3), 0.5))
-        distance = torch.cdist(means, landmarks).amin(1)
-        weight = ((config.far - distance) / (config.far - config.near)).clamp(0, 1)
+        self.log_scales = nn.Parameter((start.spacing[:, None] * start.spacing.new_tensor(DISC)).log())
+        self.quats = nn.Parameter(facing(start.normals))
+        self.opacity_logits = nn.Parameter(start.opacities.logit())
+        self.base_colours = nn.Parameter(nn.functional.pad(start.colours, (0, channels - 3)))
+        weight = expression_weight(start.means, landmarks, config.near, config.far)
         self.register_buffer("expression_weight", weight)
-        self.register_buffer("rest_translation", rest_translation.clone())
+        self.skinning = Skinning(rest)
+        self.follow_logits = None
+        if config.follow_weights:
+            self.follow_logits = nn.Parameter(start.follow.clamp(LEAST_FOLLOW, 1 - LEAST_FOLLOW).logit())
 
         position = encoded_size(3, ENCODING_FREQUENCIES)
         pose = encoded_size(6, ENCODING_FREQUENCIES)
         wide, deep, thin = config.deformation_width, config.deformation_layers, config.appearance_width
-        self.expression_deformation = PointMLP(position, expression_size, (wide,) * deep, 3)
-        self.pose_deformation = PointMLP(position, pose, (wide,) * 2, 3)
-        self.expression_colour = PointMLP(config.features, expression_size, (thin,) * 2, 3)
-        self.pose_colour = PointMLP(config.features, pose, (thin,), 3)
-        self.expression_attributes = PointMLP(config.features, expression_size, (thin,) * 2, ATTRIBUTES)
-        self.pose_attributes = PointMLP(config.features, pose, (thin,), ATTRIBUTES)
-        for network in self.children():
-            if isinstance(network, PointMLP):  # the head starts undeformed, in its base colours
-                last = network.layers[-1]
-                assert isinstance(last, nn.Linear)
-                nn.init.normal_(last.weight, std=1e-3)
-                nn.init.zeros_(last.bias)
+        self.deformation = Branches(position, expression, pose, (wide,) * deep, (wide,) * 2, 3, bounded=True)
+        self.colour = Branches(config.features, expression, pose, (thin,) * 2, (thin,), channels)
+        self.attributes = Branches(config.features, expression, pose, (thin,) * 2, (thin,), ATTRIBUTES)
+
+    @property
+    def follow(self) -> Float[Tensor, " k"]:
+        """How far each Gaussian follows the head: 0 to 1; 1 for all where follow weights are off."""
+        return torch.ones_like(self.expression_weight) if self.follow_logits is None else self.follow_logits.sigmoid()
 
     def pose_code(self, pose: HeadPose) -> Float[Tensor, " p"]:
         """The encoded pose: rotation vector, and translation from rest in canonical units."""
-        moved = (pose.translation - self.rest_translation) / CANONICAL_UNIT
+        moved = (pose.translation - self.skinning.rest_translation) / CANONICAL_UNIT
         return positional_encoding(torch.cat([pose.rotation_vector, moved]), ENCODING_FREQUENCIES)
 
-    def deformed_means(self, pose: HeadPose, only: Tensor | None = None) -> Float[Tensor, "k 3"]:
-        """Positions in the head frame, metres (appendix A, "Deformation module").
+    def world_means(self, pose: HeadPose, only: Tensor | None = None) -> Float[Tensor, "k 3"]:
+        """Positions in the world, metres (appendix A, "Deformation module").
 
         Args:
             pose: the frame's pose and expression.
             only: indices of the Gaussians wanted; all by default.
         """
-        means = self.means if only is None else self.means[only]
-        weight = self.expression_weight if only is None else self.expression_weight[only]
+        means, weight, follow = self.means, self.expression_weight, self.follow
+        if only is not None:
+            means, weight, follow = means[only], weight[only], follow[only]
         code = positional_encoding(means / CANONICAL_UNIT, ENCODING_FREQUENCIES)
-        moved = self._blend(
-            code,
-            weight,
-            self.expression_deformation,
-            pose.expression,
-            self.pose_deformation,
-            self.pose_code(pose),
-            True,
-        )
-        return means + self.config.deformation_scale * moved
+        moved = self.deformation(code, weight, pose.expression, self.pose_code(pose))
+        return self.skinning.world(means + self.config.deformation_scale * moved, follow, pose)
 
     def forward(self, pose: HeadPose) -> HeadGaussians:
-        """The posed Gaussians in the head frame (appendix A, "Appearance and attributes")."""
-        code = self.pose_code(pose)
-        weight = self.expression_weight
-        colour = self._blend(
-            self.features, weight, self.expression_colour, pose.expression, self.pose_colour, code, False
-        )
-        offsets = self._blend(
-            self.features, weight, self.expression_attributes, pose.expression, self.pose_attributes, code, False
-        )
+        """The posed Gaussians in the world (appendix A, "Appearance and attributes")."""
+        code, weight = self.pose_code(pose), self.expression_weight
+        colour = self.colour(self.features, weight, pose.expression, code)
+        offsets = self.attributes(self.features, weight, pose.expression, code)
         log_scales, quats, opacity = (self.config.attribute_scale * offsets).split([3, 4, 1], dim=-1)
+        quats = nn.functional.normalize(self.quats + quats, dim=-1)
         return HeadGaussians(
-            means=self.deformed_means(pose),
+            means=self.world_means(pose),
             scales=(self.log_scales + log_scales).exp(),
-            quats=nn.functional.normalize(self.quats + quats, dim=-1),
+            quats=self.skinning.turned(quats, self.follow, pose),
             opacities=(self.opacity_logits + opacity[:, 0]).sigmoid(),
             colours=self.base_colours + colour,
         )
-
-    def _blend(
-        self,
-        points: Tensor,
-        weight: Tensor,
-        on_expression: PointMLP,
-        expression: Tensor,
-        on_pose: PointMLP,
-        pose_code: Tensor,
-        bounded: bool,
-    ) -> Tensor:
-        """Both branches where they count, bounded by tanh if asked, added up by weight."""
-        total = None
-        for network, condition, share in ((on_expression, expression, weight), (on_pose, pose_code, 1 - weight)):
-            rows = torch.nonzero(share).squeeze(1)
-            value = network(points.index_select(0, rows), condition)
-            value = share[rows, None] * (value.tanh() if bounded else value)
-            if total is None:
-                total = points.new_zeros(len(points), value.shape[-1])
-            total = total.index_add(0, rows, value)
-        assert total is not None
-        return total
 
 
 def facing(normals: Float[Tensor, "k 3"]) -> Float[Tensor, "k 4"]:

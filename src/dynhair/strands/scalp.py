@@ -31,6 +31,10 @@ class Roots:
         """Place the roots on a mesh of the same topology; differentiable in its vertices."""
         return (vertices[self.triangle] * self.barycentric.to(vertices)[..., None]).sum(dim=1)
 
+    def interpolate(self, values: Float[Tensor, " v"]) -> Float[Tensor, " n"]:
+        """What the mesh's vertices hold, where the roots lie."""
+        return (values[self.triangle] * self.barycentric.to(values)).sum(dim=1)
+
     def normals(self, vertices: Float[Tensor, "v 3"]) -> Float[Tensor, "n 3"]:
         """Take the unit normals of the roots' faces, outwards for counter-clockwise faces."""
         a, b, c = vertices[self.triangle].unbind(dim=1)

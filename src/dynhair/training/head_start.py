@@ -9,15 +9,26 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from dynhair.avatar import Head, head_pose
+from dynhair.avatar import Head, HeadStart, head_pose
 from dynhair.capture import Capture, Segment
 from dynhair.config import HeadConfig
+from dynhair.prior.evidence import body_depths
 from dynhair.strands import Roots, sample_roots
 from dynhair.training.frames import head_frame, rest_frame
+from dynhair.training.static_scene import surface_gaussians
+from dynhair.training.static_views import rest_views
 from dynhair.training.surface import TrackedSurface, tracked_surface
+from dynhair.training.surface_colours import seen_colours
 
 FRAMES_PER_STEP = 4
 POINTS_PER_STEP = 2048
+OPAQUE = 0.95
+TRANSLUCENT = 0.3
+MOUTH = slice(48, 66)
+MOUTH_BOX = 1.6
+MOUTH_DRAWS = 8
+LIP_REACH = 0.01  # metres
+LIP_DEPTH = 0.002
 
 
 def surface_points(vertices: Float[Tensor, "v 3"], faces: Int64[Tensor, "f 3"], count: int, seed: int) -> Roots:
@@ -47,7 +58,10 @@ def surface_points(vertices: Float[Tensor, "v 3"], faces: Int64[Tensor, "f 3"], 
 
 
 def start_head(capture: Capture, config: HeadConfig, seed: int) -> tuple[Head, Roots]:
-    """A head whose Gaussians lie on the tracked surface in the capture's rest frame.
+    """A head whose Gaussians lie on the tracked surface in the capture's rest frame, and behind the lips.
+
+    Returns:
+        The head, and where its first Gaussians lie on the surface; those around the mouth come after them.
 
     Raises:
         DynhairError: the capture has neither a tracked mesh nor landmarks of a face.
@@ -55,23 +69,56 @@ def start_head(capture: Capture, config: HeadConfig, seed: int) -> tuple[Head, R
     surface = tracked_surface(capture)
     segment, index = rest_frame(capture)
     track = capture.track(segment)
-    pose = head_pose(track, index)
     to_head = head_frame(track, index)
     vertices = to_head(surface.vertices(segment.start + index))
     points = surface_points(vertices, surface.faces, config.gaussians, seed)
     means = points.positions(vertices)
     landmarks = to_head(torch.from_numpy(capture.landmarks_3d(segment.start + index)))
-    torch.manual_seed(seed)
-    head = Head(
-        means,
-        points.normals(vertices),
-        mean_spacing(means),
-        landmarks,
-        pose.translation,
-        track.expressions.shape[1],
-        config,
+    mouth = mouth_points(landmarks, means, config.mouth_gaussians, seed)
+    every = torch.cat([means, mouth])
+    normals = torch.cat([points.normals(vertices), mouth.new_tensor([0.0, 0.0, 1.0]).expand_as(mouth)])
+    pose = head_pose(track, index)
+    views = rest_views(capture, segment.start + index, pose)
+    depth = body_depths(surface_gaussians(vertices, surface.faces), views.cameras)
+    start = HeadStart(
+        means=every,
+        normals=normals,
+        spacing=mean_spacing(every),
+        colours=seen_colours(every, normals, views, depth),
+        opacities=torch.cat([means.new_full((len(means),), OPAQUE), mouth.new_full((len(mouth),), TRANSLUCENT)]),
+        follow=torch.cat([points.interpolate(surface.follow), mouth.new_ones(len(mouth))]),
     )
-    return head, points
+    torch.manual_seed(seed)
+    return Head(start, landmarks, pose, config), points
+
+
+def mouth_points(
+    landmarks: Float[Tensor, "66 3"], surface: Float[Tensor, "k 3"], count: int, seed: int
+) -> Float[Tensor, "m 3"]:
+    """Random points around the mouth's landmarks, behind the skin: Gaussians for teeth and tongue (appendix A).
+
+    Uniform in a box 1.6 times as large as the landmarks' own; what would lie before the surface is drawn again, since
+    in the open nothing but an opaque face is to be seen.
+
+    Args:
+        landmarks: iBUG-68 without 48 and 54, head frame, metres.
+        surface: points of the surface, head frame, metres.
+        count: number of points; fewer are returned where hardly any of the box is behind the surface.
+        seed: of the draw.
+    """
+    from pykdtree.kdtree import KDTree
+
+    lips = landmarks[MOUTH]
+    centre, half = (lips.amax(0) + lips.amin(0)) / 2, MOUTH_BOX / 2 * (lips.amax(0) - lips.amin(0))
+    generator = torch.Generator().manual_seed(seed)
+    drawn = centre + half * (2 * torch.rand(MOUTH_DRAWS * count, 3, generator=generator) - 1)
+    near = surface[((surface - centre).abs() < 2 * half + LIP_REACH).all(1) & (surface[:, 2] > centre[2] - half[2])]
+    if not len(near) or not count:
+        return drawn[:count]
+    array = np.ascontiguousarray(near[:, :2].numpy())
+    _, nearest = KDTree(array).query(np.ascontiguousarray(drawn[:, :2].numpy()), k=min(4, len(near)))
+    depths = near[:, 2][torch.from_numpy(nearest.astype(np.int64)).reshape(len(drawn), -1)]
+    return drawn[drawn[:, 2] < depths.amax(1) - LIP_DEPTH][:count]
 
 
 def fit_tracking(
@@ -99,7 +146,7 @@ def fit_tracking(
     """
     surface = tracked_surface(capture)
     tracks = [capture.track(segment) for segment in segments]
-    parameters = [*head.expression_deformation.parameters(), *head.pose_deformation.parameters()]
+    parameters = [*head.deformation.parameters()]
     optimizer = torch.optim.Adam(parameters, lr=2e-3)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, max(iterations, 1))
     generator = torch.Generator().manual_seed(seed)
@@ -109,13 +156,13 @@ def fit_tracking(
 
     for step in range(iterations):
         loss = torch.zeros(())
-        rows = torch.randint(len(head.means), (POINTS_PER_STEP,), generator=generator)
+        rows = torch.randint(len(points.face), (POINTS_PER_STEP,), generator=generator)
         chosen = Roots(points.face[rows], points.triangle[rows], points.barycentric[rows])
         for _ in range(FRAMES_PER_STEP):
             number = draw(len(segments))
             index = draw(segments[number].count)
-            moved = head.deformed_means(head_pose(tracks[number], index), rows)
-            target = tracked_positions(surface, capture, segments[number], index, chosen)
+            moved = head.world_means(head_pose(tracks[number], index), rows)
+            target = tracked_positions(surface, segments[number], index, chosen)
             loss = loss + (moved - target).square().sum(-1).mean() / FRAMES_PER_STEP
         optimizer.zero_grad(set_to_none=True)
         (loss * 1e4).backward()
@@ -124,12 +171,9 @@ def fit_tracking(
         progress(step + 1, iterations, float(loss.detach().sqrt()))
 
 
-def tracked_positions(
-    surface: TrackedSurface, capture: Capture, segment: Segment, index: int, points: Roots
-) -> Float[Tensor, "k 3"]:
-    """Where the surface points are in one frame of a segment, in the head frame, metres."""
-    vertices = surface.vertices(segment.start + index)
-    return head_frame(capture.track(segment), index)(points.positions(vertices))
+def tracked_positions(surface: TrackedSurface, segment: Segment, index: int, points: Roots) -> Float[Tensor, "k 3"]:
+    """Where the surface points are in one frame of a segment, world, metres."""
+    return points.positions(surface.vertices(segment.start + index))
 
 
 def mean_spacing(points: Float[Tensor, "k 3"]) -> Float[Tensor, " k"]:

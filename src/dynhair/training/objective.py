@@ -49,7 +49,7 @@ class JointObjective(nn.Module):
         avatar: the model, on the device that it is to be trained on.
         capture: gives tracks and the tracked surface.
         segments: the training segments.
-        points: the head Gaussians' places on the tracked surface.
+        points: where the head's first Gaussians lie on the tracked surface.
         config: weights, iterations, seed.
     """
 
@@ -72,13 +72,20 @@ class JointObjective(nn.Module):
             self._conditions = [avatar.conditions(track) for track in self._tracks]
         self._surface = tracked_surface(capture)
         self._device = avatar.background.device
+        self._first_frame = [sum(segment.count for segment in segments[:number]) for number in range(len(segments))]
+        # One parameter a frame, so that a step leaves the other frames' corrections and their momenta alone.
+        frames = sum(segment.count for segment in segments)
+        self.pose_corrections = nn.ParameterList(
+            nn.Parameter(torch.zeros(6, device=self._device)) for _ in range(frames)
+        )
         self._mesh = MeshDistance(self._surface.vertices(segments[0].start).to(self._device), self._surface.faces)
 
     def forward(self, batch: Batch, step: int) -> StepResult:
         """Draw the batch's frame and compare it with the images."""
         config, weights = self.config, self.config.weights
         segment = self._segments[batch.segment]
-        pose = head_pose(self._tracks[batch.segment], batch.index, self._device)
+        tracked_pose = head_pose(self._tracks[batch.segment], batch.index, self._device)
+        pose = tracked_pose.corrected(self.pose_corrections[self._first_frame[batch.segment] + batch.index])
         window = self.avatar.window(self._conditions[batch.segment], batch.index)
         posed = self.avatar.posed(pose, window)
         images = self.avatar.render(posed, batch.cameras)
@@ -87,10 +94,11 @@ class JointObjective(nn.Module):
         generator = torch.Generator().manual_seed(config.seed * 1_000_003 + step)
         points = sample_strand_points(posed.strands, config.penetration_points, generator=generator)
         rest = self.avatar.canonical_strands.detach()
-        tracked = tracked_positions(self._surface, self._capture, segment, batch.index, self._points).to(self._device)
+        tracked = tracked_positions(self._surface, segment, batch.index, self._points).to(self._device)
+        rgb = agreed_colours(images, batch)
         terms = {
-            "rgb": l1_loss(images.rgb, batch.rgb),
-            "ssim": ssim_loss(images.rgb, batch.rgb),
+            "rgb": l1_loss(rgb, batch.rgb),
+            "ssim": ssim_loss(rgb, batch.rgb),
             "segmentation": segmentation_loss(images.hair, batch.hair),
             "body": l1_loss(images.body, batch.body),
             "orientation": orientation_loss(
@@ -98,7 +106,7 @@ class JointObjective(nn.Module):
             ),
             "penetration": penetration_loss(points, self._mesh),
             "elastic": elastic_loss(posed.strands, rest),
-            "tracking": (posed.head.means - tracked).square().sum(-1).mean(),
+            "tracking": (posed.head.means[: len(tracked)] - tracked).square().sum(-1).mean(),
         }
         decay = segmentation_weight(step, config.iterations, config.segmentation_warmup, config.segmentation_floor)
         scale = {
@@ -113,3 +121,15 @@ class JointObjective(nn.Module):
         }
         loss = torch.stack([scale[name] * term for name, term in terms.items()]).sum()
         return StepResult(loss, {name: term.detach() for name, term in terms.items()}, images)
+
+
+def agreed_colours(images: AvatarImages, batch: Batch) -> Float[Tensor, "v h w 3"]:
+    """The avatar's colours where its labels are right, and the truth's where they are not.
+
+    Where hair lies that should show skin, or skin that should be hair, a comparison of colours would paint each in the
+    other's; the labels' own terms are there to move them. Labels are shares of hair, body and background, and what they
+    have in common says how far a pixel's colours count.
+    """
+    hair, body = images.hair.detach(), images.body.detach()
+    off = (hair - batch.hair).abs() + (body - batch.body).abs() + (hair + body - batch.hair - batch.body).abs()
+    return torch.lerp(images.rgb, batch.rgb, (off / 2).clamp(0, 1)[..., None])

@@ -23,11 +23,13 @@ class TrackedSurface(ABC):
         capture: where its motion is read.
         faces: triangles, counter-clockwise seen from outside.
         scalp: indices of the faces that grow hair.
+        follow: of each vertex, 0 for one that moves with the body to 1 for one that moves with the head.
     """
 
     capture: Capture
     faces: Int64[Tensor, "f 3"]
     scalp: Int64[Tensor, " s"]
+    follow: Float[Tensor, " v"]
 
     @abstractmethod
     def vertices(self, frame: int) -> Float[Tensor, "v 3"]:
@@ -43,7 +45,7 @@ def tracked_surface(capture: Capture) -> TrackedSurface:
     mesh = capture.mesh
     if mesh is None:
         return RegisteredHead.to(capture)
-    return OwnMesh(capture, torch.from_numpy(mesh.faces), torch.from_numpy(mesh.scalp))
+    return OwnMesh(capture, torch.from_numpy(mesh.faces), torch.from_numpy(mesh.scalp), torch.from_numpy(mesh.follow))
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ class RegisteredHead(TrackedSurface):
             path = capture.layout.landmarks_3d(frame)
             raise DynhairError(error.message, path=path, expected=error.expected, mend=error.mend) from error
         head = registration.model
-        return cls(capture, head.faces, head.scalp, registration, landmarks, frame)
+        return cls(capture, head.faces, head.scalp, head.head_weight, registration, landmarks, frame)
 
     def vertices(self, frame: int) -> Float[Tensor, "v 3"]:
         """Positions in one frame, world, metres, float32."""

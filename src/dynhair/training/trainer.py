@@ -16,7 +16,7 @@ from rich.console import Console
 from torch import Tensor
 from torch.utils.tensorboard.writer import SummaryWriter
 
-from dynhair.avatar import Avatar, Hair
+from dynhair.avatar import Avatar, Hair, ScalpLayer
 from dynhair.avatar.mlp import quick_precision, use_precision
 from dynhair.capture import Capture
 from dynhair.config import Config, LearningRates
@@ -35,6 +35,7 @@ from dynhair.training.objective import JointObjective
 from dynhair.training.previews import preview_picture, write_preview
 from dynhair.training.run import Run, read_hair, write_hair
 from dynhair.training.static_hair import StaticStage, strand_width
+from dynhair.training.surface import tracked_surface
 
 StageName = Literal["static", "dynamic"]
 STAGES: tuple[StageName, ...] = ("static", "dynamic")
@@ -156,7 +157,9 @@ class _Training:
         use_precision(hair, self._precision)
         normalizer = SignalNormalizer.fit([motion_signals(self.capture.track(s)) for s in self.segments])
         background = torch.from_numpy(self.capture.background).float()
-        return Avatar(hair, head, normalizer, background), points, checkpoint
+        scalp = torch.nonzero(torch.isin(points.face, tracked_surface(self.capture).scalp)).squeeze(1)
+        layer = ScalpLayer.under(strands[:, 0], head.means.detach(), scalp)
+        return Avatar(hair, head, normalizer, background, layer), points, checkpoint
 
     def canonical_hair(self) -> Float[Tensor, "n 200 3"]:
         """The static stage's strands, head frame, metres."""
@@ -179,7 +182,7 @@ class _Training:
 
     def _train_jointly(self, objective: JointObjective, checkpoint: Checkpoint | None) -> None:
         settings = self.config.training
-        optimizer = joint_optimizer(objective.avatar, settings.rates)
+        optimizer = joint_optimizer(objective, settings.rates)
         first = 0
         if checkpoint is not None:
             checkpoint.restore(objective, optimizer)
@@ -220,25 +223,29 @@ class _Training:
                     raise KeyboardInterrupt
 
 
-def joint_optimizer(avatar: Avatar, rates: LearningRates) -> torch.optim.Adam:
+def joint_optimizer(objective: JointObjective, rates: LearningRates) -> torch.optim.Adam:
     """Adam with a learning rate for each kind of parameter."""
+    avatar = objective.avatar
     hair, head = avatar.hair, avatar.head
     own = {
-        "strands": hair.strands,
-        "hair_colour": hair.base_harmonic,
-        "hair_gloss": hair.higher_harmonics,
-        "head_means": head.means,
-        "head_features": head.features,
-        "head_scales": head.log_scales,
-        "head_rotations": head.quats,
-        "head_opacity": head.opacity_logits,
-        "head_colour": head.base_colours,
+        "strands": [hair.strands],
+        "hair_colour": [hair.base_harmonic],
+        "hair_gloss": [hair.higher_harmonics],
+        "deformer": list(hair.deformer.parameters()),
+        "head_means": [head.means],
+        "head_features": [head.features],
+        "head_scales": [head.log_scales],
+        "head_rotations": [head.quats],
+        "head_opacity": [head.opacity_logits],
+        "head_colour": [head.base_colours],
+        "head_follow": [] if head.follow_logits is None else [head.follow_logits],
+        "body_response": list(head.skinning.parameters()),
+        "scalp_cover": list(avatar.scalp.parameters()),
+        "pose_correction": list(objective.pose_corrections),
     }
-    taken = {id(parameter) for parameter in own.values()}
-    groups = [{"params": [parameter], "lr": getattr(rates, name)} for name, parameter in own.items()]
-    groups.append({"params": list(hair.deformer.parameters()), "lr": rates.deformer})
-    networks = [parameter for parameter in head.parameters() if id(parameter) not in taken]
-    groups.append({"params": networks, "lr": rates.head_networks})
+    taken = {id(parameter) for parameters in own.values() for parameter in parameters}
+    own["head_networks"] = [parameter for parameter in objective.parameters() if id(parameter) not in taken]
+    groups = [{"params": parameters, "lr": getattr(rates, name)} for name, parameters in own.items() if parameters]
     return torch.optim.Adam(groups, eps=1e-15, fused=True)
 
 

@@ -1,0 +1,87 @@
+"""What moves with the head, what stays with the body, and the neck between."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from dynhair.avatar.head_pose import HeadPose
+from dynhair.motion import so3_exp, so3_log
+
+
+class Skinning(nn.Module):
+    """Linear blend skinning between two frames: the head's, and the body's (beyond the paper).
+
+    The paper moves everything rigidly with the head and leaves it to the pose networks to hold the shoulders back. Here
+    a point follows the head by its own weight. Nothing tracks the body: it rests as in the rest frame, but for a linear
+    answer to the head's motion, which is learned and begins as none. So a person who leans forward with head and
+    shoulders is followed as well as one who only turns the head.
+
+    Args:
+        rest: the head's pose in the rest frame, in which head and body agree.
+    """
+
+    rest_rotation: Tensor
+    rest_translation: Tensor
+
+    def __init__(self, rest: HeadPose) -> None:
+        super().__init__()
+        self.register_buffer("rest_rotation", rest.rotation.clone())
+        self.register_buffer("rest_translation", rest.translation.clone())
+        self.body_response = nn.Parameter(torch.zeros(6, 6))  # from and to rotation vector and translation
+
+    def body(self, pose: HeadPose) -> tuple[Float[Tensor, "3 3"], Float[Tensor, "3"]]:
+        """The body's rotation and translation (metres): what a point that does not follow the head moves by."""
+        turned, moved = self._answer(pose)
+        return so3_exp(turned) @ self.rest_rotation, self.rest_translation + moved
+
+    def world(self, points: Float[Tensor, "k 3"], follow: Float[Tensor, " k"], pose: HeadPose) -> Float[Tensor, "k 3"]:
+        """Points of the head frame in the world, metres.
+
+        Args:
+            points: head frame, metres.
+            follow: 1 for a point that moves with the head, 0 for one that moves with the body.
+            pose: the frame's.
+        """
+        rotation, translation = self.body(pose)
+        with_head = points @ pose.rotation.T + pose.translation
+        with_body = points @ rotation.T + translation
+        return torch.lerp(with_body, with_head, follow[:, None])
+
+    def turned(self, quats: Float[Tensor, "k 4"], follow: Float[Tensor, " k"], pose: HeadPose) -> Float[Tensor, "k 4"]:
+        """Rotations (wxyz) of the head frame in the world, between head and body along the shorter way."""
+        head = rotation_quaternion(pose.rotation_vector)
+        rest = rotation_quaternion(so3_log(self.rest_rotation))
+        body = multiply_quaternions(rotation_quaternion(self._answer(pose)[0]), rest[None])[0]
+        body = torch.where((head * body).sum() < 0, -body, body)
+        # the product is linear in both, so that the two can be turned before they are blended
+        blended = torch.lerp(multiply_quaternions(body, quats), multiply_quaternions(head, quats), follow[:, None])
+        return nn.functional.normalize(blended, dim=-1)
+
+    def _answer(self, pose: HeadPose) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
+        """The body's rotation vector and displacement since the rest frame."""
+        turned = so3_log(pose.rotation @ self.rest_rotation.T)
+        answer = self.body_response @ torch.cat([turned, pose.translation - self.rest_translation])
+        return answer[:3], answer[3:]
+
+
+def rotation_quaternion(rotation_vector: Float[Tensor, "3"]) -> Float[Tensor, "4"]:
+    """The unit quaternion, wxyz, of a rotation vector."""
+    half = rotation_vector / 2
+    angle = torch.linalg.vector_norm(half)
+    return torch.cat([angle.cos()[None], half * torch.sinc(angle / torch.pi)])
+
+
+def multiply_quaternions(a: Float[Tensor, "4"], b: Float[Tensor, "k 4"]) -> Float[Tensor, "k 4"]:
+    """Hamilton products, wxyz: rotate by ``b``, then by ``a``."""
+    w, x, y, z = a
+    left = torch.stack(
+        [
+            torch.stack([w, -x, -y, -z]),
+            torch.stack([x, w, -z, y]),
+            torch.stack([y, z, w, -x]),
+            torch.stack([z, -y, x, w]),
+        ]
+    )
+    return b @ left.T
