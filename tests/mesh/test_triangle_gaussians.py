@@ -111,6 +111,15 @@ def test_triangles_without_area_are_finite(name: str, dtype: torch.dtype) -> Non
     assert torch.isfinite(vertices.grad).all()
 
 
+@given(st.lists(st.sampled_from([0.0, 1e-30, 1e-9, 1e-3, -1e-3, 1.0]), min_size=9, max_size=9))
+def test_any_triangle_is_finite(coordinates: list[float]) -> None:
+    vertices = torch.tensor(coordinates).reshape(3, 3).requires_grad_()
+    gaussians = as_gaussians(vertices)
+    (gradient,) = torch.autograd.grad(gaussians.means.sum() + gaussians.scales.sum(), vertices)
+    for values in (gaussians.means, gaussians.quats, gaussians.scales, gradient):
+        assert torch.isfinite(values).all()
+
+
 def test_no_triangles_are_no_gaussians() -> None:
     gaussians = triangle_gaussians(torch.zeros(0, 3), torch.zeros(0, 3, dtype=torch.int64), torch.zeros(0, 3))
     assert gaussians.means.shape == gaussians.scales.shape == (0, 3)
@@ -128,6 +137,19 @@ def test_a_sphere_looks_like_a_disc_without_holes(resolution: int) -> None:
     assert rendering.alpha[0][inside].min() > 0.97
     assert rendering.features[0, ..., 0][inside].min() > 0.48
     assert rendering.alpha[0][from_centre(size) > seen_radius(size) + 5].max() < 0.05
+
+
+def test_a_finer_drawing_has_a_narrower_silhouette() -> None:
+    sphere, size = ball(RADIUS, 24, torch.float32), 256
+    gaussians = triangle_gaussians(sphere.vertices, sphere.faces, torch.ones(len(sphere.faces), 1))
+    plain, finer = rasterize(gaussians, view(size)).alpha, rasterize(gaussians, view(2 * size)).alpha
+    averaged = torch.nn.functional.avg_pool2d(finer, 2)
+    beyond, beyond_averaged = (
+        float((alpha.sum() / torch.pi).sqrt()) - seen_radius(size) for alpha in (plain, averaged)
+    )
+    assert 1 < beyond < 1.5
+    assert 0 < beyond_averaged < 0.7
+    assert 1 - float(silhouette_iou_loss(averaged[0], disc(size, seen_radius(size)))) > 0.98
 
 
 def silhouette_loss(radius: torch.Tensor, target: torch.Tensor) -> torch.Tensor:

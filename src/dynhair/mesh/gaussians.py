@@ -29,6 +29,9 @@ def triangle_gaussians(
     Means and scales follow the vertices, with the exact gradients of the centre and of the principal standard
     deviations; the axes have no gradient. All is finite for triangles without area or length as well.
 
+    Their silhouette reaches 1.2 to 1.4 pixels beyond that of the mesh, for the rasterizer widens Gaussians to a pixel
+    and many lie behind one another there. Drawn twice as fine and averaged, it reaches 0.6 pixels beyond.
+
     Args:
         vertices: metres.
         faces: triangles, no larger than what is to be seen of the surface.
@@ -37,7 +40,7 @@ def triangle_gaussians(
     Returns:
         Gaussians in the order of the faces, their third axes along the normals; ``colours`` are their features.
     """
-    corners = vertices[faces]
+    corners = vertices.index_select(0, faces.flatten()).reshape(-1, 3, 3)
     means = corners.mean(1)
     arms = corners - means[:, None]
     with torch.no_grad():
@@ -69,8 +72,9 @@ def _principal_rotations(arms: Float[Tensor, "f 3 3"]) -> Float[Tensor, "f 4"]:
     x, y = torch.where(z < 0, -x, x), torch.where(z < 0, -y, y)
     upright = normalize(torch.stack([1 + z.abs(), -y, x, torch.zeros_like(z)], dim=1), dim=1)
 
-    a, b = (arms @ quaternion_matrix(upright)[:, :, :2]).unbind(2)
-    angle = torch.atan2(2 * (a * b).sum(1), (a * a - b * b).sum(1)) / 2
+    within = arms @ quaternion_matrix(upright)[:, :, :2]
+    moments = within.mT @ within
+    angle = torch.atan2(2 * moments[:, 0, 1], moments[:, 0, 0] - moments[:, 1, 1]) / 2
     cosine, sine = torch.cos(angle / 2), torch.sin(angle / 2)
     w, x, y, _ = upright.unbind(1)
     return torch.stack([w * cosine, x * cosine + y * sine, y * cosine - x * sine, w * sine], dim=1)

@@ -23,8 +23,8 @@ def laplacian_loss(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"]) ->
     count = len(vertices)
     if not count:
         return vertices.sum()
-    sides = torch.cat([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).long()
-    edges = torch.unique(sides.amin(1) * count + sides.amax(1))
+    starts, ends = faces.long().T.flatten(), faces.long().roll(-1, 1).T.flatten()
+    edges = torch.unique(torch.minimum(starts, ends) * count + torch.maximum(starts, ends))
     first, second = edges // count, edges % count
     difference = vertices.index_select(0, second) - vertices.index_select(0, first)
     sums = torch.zeros_like(vertices).index_add(0, first, difference).index_add(0, second, -difference)
