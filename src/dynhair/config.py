@@ -113,7 +113,8 @@ class HeadConfig:
         mouth_gaussians: those sampled around the mouth.
         follow_weights: whether each Gaussian has a learned weight between the head's motion and the body's; without
             them all are moved with the head, as in the paper, and the pose deformation MLP holds the torso back.
-        colour_channels: channels that the head is drawn in; the first three are colours.
+        super_resolution: factor by which a network enlarges what is drawn: 2, 4 or 8, or 1 for none.
+        super_resolution_channels: channels that the head is drawn in for that network, the first three being colours.
         features: learned features of a Gaussian.
         deformation_width: hidden size of the expression deformation MLP and of the pose deformation MLP.
         deformation_layers: hidden layers of the expression deformation MLP; the pose one has two.
@@ -129,7 +130,8 @@ class HeadConfig:
     gaussians: int = 20_000
     mouth_gaussians: int = 600
     follow_weights: bool = True
-    colour_channels: int = 3
+    super_resolution: int = 1
+    super_resolution_channels: int = 32
     features: int = 32
     deformation_width: int = 64
     deformation_layers: int = 3
@@ -139,6 +141,11 @@ class HeadConfig:
     near: float = 0.03
     far: float = 0.05
     tracking_iterations: int = 1500
+
+    @property
+    def colour_channels(self) -> int:
+        """Channels that the head is drawn in, the first three being colours."""
+        return 3 if self.super_resolution == 1 else self.super_resolution_channels
 
 
 @dataclass(frozen=True)
@@ -164,6 +171,7 @@ class LearningRates:
     hair_colour: float = 1e-2
     hair_gloss: float = 5e-4
     head_networks: float = 5e-4
+    super_resolution: float = 5e-4
     head_colour: float = 5e-3
     head_opacity: float = 1e-3
     head_scales: float = 1e-3

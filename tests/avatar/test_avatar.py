@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from dynhair.avatar import Avatar, Hair, Head, HeadStart, ScalpLayer, head_pose
 from dynhair.camera import Camera
-from dynhair.capture import HeadTrack
+from dynhair.capture import ExpressionBasis, HeadTrack
 from dynhair.config import DeformerConfig, HeadConfig
 from dynhair.errors import DynhairError
 from dynhair.motion import SignalNormalizer
@@ -36,12 +36,22 @@ def head_track(rotations: np.ndarray = TURNING, translation: tuple[float, float,
 
 @pytest.fixture
 def avatar() -> Avatar:
+    return make_avatar()
+
+
+def make_avatar(super_resolution: int = 1, basis: ExpressionBasis | None = None) -> Avatar:
     torch.manual_seed(0)
     roots = torch.nn.functional.normalize(torch.randn(20, 3), dim=1) * 0.1
     strands = roots[:, None] + torch.linspace(0, 0.1, 8)[None, :, None] * torch.tensor([0.0, -1.0, 0.3])
     hair = Hair(strands, 0.002, torch.tensor([0.4, 0.2, 0.1]), DeformerConfig(hidden=8, width=16, history=2))
     means = torch.nn.functional.normalize(torch.randn(100, 3), dim=1) * 0.09
-    config = HeadConfig(gaussians=100, features=4, deformation_width=8, appearance_width=8)
+    config = HeadConfig(
+        features=4,
+        deformation_width=8,
+        appearance_width=8,
+        super_resolution=super_resolution,
+        super_resolution_channels=5,
+    )
     start = HeadStart(
         means=means,
         normals=means / 0.09,
@@ -53,7 +63,7 @@ def avatar() -> Avatar:
     head = Head(start, means[:5], head_pose(head_track(), 0), config)
     scalp = ScalpLayer.under(strands[:, 0], means, torch.arange(0, 100, 5))
     normalizer = SignalNormalizer(torch.ones(3), torch.ones(3))
-    avatar = Avatar(hair, head, normalizer, torch.tensor([0.1, 0.2, 0.3]), scalp)
+    avatar = Avatar(hair, head, normalizer, torch.tensor([0.1, 0.2, 0.3]), scalp, basis)
     with torch.no_grad():
         for parameter in avatar.hair.deformer.mlp.parameters():
             parameter.copy_(torch.randn_like(parameter) * 0.2)
@@ -154,3 +164,65 @@ def test_expressions_of_another_face_model_are_refused(avatar: Avatar) -> None:
     track = replace(head_track(), expressions=np.zeros((FRAMES, 3), np.float32))
     with pytest.raises(DynhairError, match="3 expression coefficients"):
         avatar.pose(track, 0)
+
+
+def test_an_avatar_says_whose_expressions_it_knows(tmp_path: Path) -> None:
+    avatar = make_avatar(basis=ExpressionBasis("open", ("jaw", "smile", "blink", "brow")))
+    avatar.save(tmp_path / "a")
+    loaded = Avatar.load(tmp_path / "a")
+    assert loaded.expression_basis == avatar.expression_basis
+    loaded.pose(head_track(), 0)  # a track that does not tell is taken at its size
+    loaded.pose(replace(head_track(), expression_basis=ExpressionBasis("open")), 0)
+    with pytest.raises(DynhairError, match="of the face model 'BFM 2009'"):
+        loaded.pose(replace(head_track(), expression_basis=ExpressionBasis("BFM 2009")), 0)
+
+
+def test_scalp_that_counts_as_hair_is_labelled_and_coloured_as_hair(avatar: Avatar) -> None:
+    posed = avatar.pose(head_track(), 0)
+    camera = front_camera()
+    with torch.no_grad():
+        before = avatar.render(posed, [camera])
+        avatar.scalp.cover_logits.fill_(20.0)
+        after = avatar.render(posed, [camera])
+        avatar.scalp.cover_logits.fill_(-20.0)
+        bare = avatar.render(posed, [camera])
+    torch.testing.assert_close(after.alpha, before.alpha)
+    torch.testing.assert_close(after.hair + after.body, after.alpha)
+    more = after.hair[0] - bare.hair[0]
+    assert more.min() > -1e-5
+    assert more.max() > 0.5
+    there = more > 0.9 * after.alpha[0]  # pixels of the layer alone
+    assert there.any()
+    colour = avatar.hair.colours(torch.zeros(20 * 7, 3), camera.centre[None])[0, 0]
+    alpha = after.alpha[0][there][:, None]
+    expected = alpha * colour + (1 - alpha) * avatar.background
+    torch.testing.assert_close(after.rgb[0][there], expected, atol=0.05, rtol=0)
+
+
+def test_super_resolution_enlarges_what_is_drawn() -> None:
+    plain, larger = make_avatar(), make_avatar(super_resolution=2)
+    large = front_camera(40)
+    images = larger.render(larger.pose(head_track(), 1, rigid_hair=True), [large])
+    assert images.rgb.shape == (1, 40, 40, 3)
+    assert images.hair.shape == images.body.shape == images.alpha.shape == (1, 40, 40)
+    assert images.direction.shape == (1, 40, 40, 2)
+    assert images.coarse is not None
+    drawn = plain.render(plain.pose(head_track(), 1, rigid_hair=True), [large.resized(20, 20)])
+    assert drawn.coarse is None
+    torch.testing.assert_close(images.coarse, drawn.rgb, atol=0.05, rtol=0)
+    pooled = torch.nn.functional.avg_pool2d(images.hair[None], 2)[0]
+    torch.testing.assert_close(pooled, drawn.hair, atol=0.3, rtol=0)
+    images.rgb.sum().backward()
+    assert larger.super_resolution is not None
+    for name, parameter in larger.super_resolution.named_parameters():
+        assert parameter.grad is not None, name
+    with pytest.raises(DynhairError, match="41 x 41"):
+        larger.render(larger.pose(head_track(), 1), [front_camera(41)])
+
+
+def test_super_resolution_survives_the_folder(tmp_path: Path) -> None:
+    avatar = make_avatar(super_resolution=4)
+    avatar.save(tmp_path / "a")
+    loaded = Avatar.load(tmp_path / "a")
+    a, b = (x.render(x.pose(head_track(), 1), [front_camera()]) for x in (avatar.eval(), loaded))
+    assert torch.equal(a.rgb, b.rgb)

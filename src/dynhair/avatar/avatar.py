@@ -18,8 +18,9 @@ from dynhair.avatar.hair import Hair
 from dynhair.avatar.head import Head, HeadGaussians, HeadStart
 from dynhair.avatar.head_pose import HeadPose, head_pose
 from dynhair.avatar.scalp_layer import ScalpLayer
+from dynhair.avatar.super_resolution import SuperResolution
 from dynhair.camera import Camera
-from dynhair.capture import HeadTrack
+from dynhair.capture import ExpressionBasis, HeadTrack
 from dynhair.config import DeformerConfig, HeadConfig
 from dynhair.errors import DynhairError
 from dynhair.motion import MotionSignals, SignalNormalizer, motion_signals, motion_window
@@ -54,6 +55,7 @@ class AvatarImages(NamedTuple):
         body: visible coverage of head and upper body in [0, 1].
         direction: hair's image direction as a doubled angle (cos 2a, sin 2a), weighted by its coverage.
         alpha: coverage of everything.
+        coarse: the colours as they are drawn, before super-resolution; None without it.
     """
 
     rgb: Float[Tensor, "v h w 3"]
@@ -61,6 +63,7 @@ class AvatarImages(NamedTuple):
     body: Float[Tensor, "v h w"]
     direction: Float[Tensor, "v h w 2"]
     alpha: Float[Tensor, "v h w"]
+    coarse: Float[Tensor, "v y x 3"] | None = None
 
     @property
     def orientation(self) -> Float[Tensor, "v h w"]:
@@ -77,6 +80,7 @@ class Avatar(nn.Module):
         normalizer: scales of the motion signals, from the training motions.
         background: colour behind everything.
         scalp: what makes the skin under the hair count as hair; none by default.
+        expression_basis: whose expression coefficients the avatar was trained with; None if that is not known.
     """
 
     background: Tensor
@@ -88,12 +92,16 @@ class Avatar(nn.Module):
         normalizer: SignalNormalizer,
         background: Float[Tensor, "3"],
         scalp: ScalpLayer | None = None,
+        expression_basis: ExpressionBasis | None = None,
     ) -> None:
         super().__init__()
         self.hair = hair
         self.head = head
         self.normalizer = normalizer
         self.scalp = ScalpLayer.blank(0) if scalp is None else scalp
+        self.expression_basis = expression_basis
+        factor = head.config.super_resolution
+        self.super_resolution = None if factor == 1 else SuperResolution(head.config.colour_channels, factor)
         self.register_buffer("background", background.clone())
 
     @property
@@ -126,15 +134,9 @@ class Avatar(nn.Module):
             rigid_hair: keep the hair in its canonical shape.
 
         Raises:
-            DynhairError: the track has another number of expression coefficients than the avatar was trained with.
+            DynhairError: the track's expressions are of another face model than the avatar was trained with.
         """
-        found, expected = track.expressions.shape[1], self.head.expression_size
-        if found != expected:
-            raise DynhairError(
-                f"the driving motion has {found} expression coefficients",
-                expected=f"{expected}, as in the capture that the avatar was trained on",
-                mend="track the driving motion with the same face model",
-            )
+        self._require_expressions(track)
         window = None if rigid_hair else self.window(self.conditions(track), frame)
         return self.posed(head_pose(track, frame, self.background.device), window)
 
@@ -144,33 +146,82 @@ class Avatar(nn.Module):
         return PosedAvatar(strands, self.head(pose))
 
     def render(self, posed: PosedAvatar, cameras: Sequence[Camera]) -> AvatarImages:
-        """Draw hair and head together in one pass: colour, labels, hair direction."""
+        """Draw hair and head together in one pass: colour, labels, hair direction.
+
+        With super-resolution, the pass is smaller than the cameras' images by its factor; a network makes the colours
+        of the full size, and the rest is enlarged bilinearly.
+
+        Raises:
+            DynhairError: with super-resolution, the images' sides are not multiples of its factor.
+        """
+        drawn = self._drawn_cameras(cameras)
         head = posed.head
         hair = strand_gaussians(posed.strands, self.hair.width, root_taper(posed.strands.shape[1] - 1))
-        colours = self.hair.colours(hair.means, torch.stack([camera.centre for camera in cameras]))
-        directions = torch.stack([projected_orientation(hair.means, hair.directions, camera) for camera in cameras])
+        colours = self.hair.colours(hair.means, torch.stack([camera.centre for camera in drawn]))
+        directions = torch.stack([projected_orientation(hair.means, hair.directions, camera) for camera in drawn])
         label = colours.new_tensor([1.0, 0.0]).expand(*colours.shape[:2], 2)
+        extra = colours.new_zeros(*colours.shape[:2], self.head.config.colour_channels - 3)
+        hair_features = torch.cat([label, directions, colours, extra], -1)
         gaussians = Gaussians(
             means=torch.cat([hair.means, head.means]),
             quats=torch.cat([hair.quats, head.quats]),
             scales=torch.cat([hair.scales, head.scales]),
             opacities=torch.cat([hair.means.new_ones(len(hair.means)), head.opacities]),
-            features=torch.cat(
-                [torch.cat([colours, label, directions], -1), self._head_features(head, colours, len(posed.strands))], 1
-            ),
+            features=torch.cat([hair_features, self._head_features(head, colours, len(posed.strands))], 1),
         )
-        background = torch.cat([self.background, self.background.new_zeros(4)])
-        images = rasterize(gaussians, cameras, background=background)
-        rgb, label, direction = images.features.split([3, 2, 2], dim=-1)
-        return AvatarImages(rgb, label[..., 0], label[..., 1], direction, images.alpha)
+        background = torch.cat(
+            [self.background.new_zeros(4), self.background, self.background.new_zeros(extra.shape[2])]
+        )
+        images = rasterize(gaussians, drawn, background=background)
+        label, direction, seen = images.features.split([2, 2, background.shape[0] - 4], dim=-1)
+        if self.super_resolution is None:
+            return AvatarImages(seen, label[..., 0], label[..., 1], direction, images.alpha)
+        maps = torch.cat([label, direction, images.alpha[..., None]], -1).movedim(-1, 1)
+        size = (cameras[0].height, cameras[0].width)
+        hair_seen, body, x, y, alpha = nn.functional.interpolate(maps, size, mode="bilinear").unbind(1)
+        return AvatarImages(
+            self.super_resolution(seen), hair_seen, body, torch.stack([x, y], -1), alpha, coarse=seen[..., :3]
+        )
+
+    def _drawn_cameras(self, cameras: Sequence[Camera]) -> list[Camera]:
+        """The cameras at the size that is drawn before super-resolution."""
+        if self.super_resolution is None:
+            return list(cameras)
+        factor = self.super_resolution.factor
+        width, height = cameras[0].width, cameras[0].height
+        if width % factor or height % factor:
+            raise DynhairError(
+                f"an image of {width} x {height} pixels",
+                expected=f"sides that are multiples of {factor}, the factor of the avatar's super-resolution",
+            )
+        return [camera.resized(width // factor, height // factor) for camera in cameras]
+
+    def _require_expressions(self, track: HeadTrack) -> None:
+        own, other = self.expression_basis, track.expression_basis
+        found, expected = track.expressions.shape[1], self.head.expression_size
+        mend = "track the driving motion with the same face model"
+        if own is not None and other is not None and not own.matches(other):
+            raise DynhairError(
+                f"the driving motion's expressions are of the face model '{other.name}'",
+                expected=f"those of '{own.name}', as in the capture that the avatar was trained on",
+                mend=mend,
+            )
+        if found != expected:
+            raise DynhairError(
+                f"the driving motion has {found} expression coefficients",
+                expected=f"{expected}, as in the capture that the avatar was trained on",
+                mend=mend,
+            )
 
     def _head_features(
         self, head: HeadGaussians, hair_colours: Float[Tensor, "v g 3"], strands: int
-    ) -> Float[Tensor, "v k 7"]:
-        """Colour, labels and direction of the head's Gaussians; the scalp's are partly hair, of no direction."""
-        own = torch.cat([head.colours, head.colours.new_tensor([0.0, 1.0, 0.0, 0.0]).expand(len(head.means), 4)], 1)
+    ) -> Float[Tensor, "v k f"]:
+        """Labels, direction and colours of the head's Gaussians; the scalp's are partly hair, of no direction."""
+        count, channels = head.colours.shape
+        own = torch.cat([head.colours.new_tensor([0.0, 1.0, 0.0, 0.0]).expand(count, 4), head.colours], 1)
         rows, cover, colours = self.scalp(hair_colours, strands)
-        as_hair = torch.cat([colours, colours.new_tensor([1.0, 0.0, 0.0, 0.0]).expand(*colours.shape[:2], 4)], -1)
+        as_hair = colours.new_tensor([1.0, 0.0, 0.0, 0.0]).expand(*colours.shape[:2], 4)
+        as_hair = nn.functional.pad(torch.cat([as_hair, colours], -1), (0, channels - 3))
         covered = torch.lerp(own[rows].expand_as(as_hair), as_hair, cover[:, None])
         return own.expand(len(colours), -1, -1).index_copy(1, rows, covered)
 
@@ -184,6 +235,7 @@ class Avatar(nn.Module):
             "deformer": dataclasses.asdict(self.hair.deformer.config),
             "head": dataclasses.asdict(self.head.config),
             "scalp": list(self.scalp.strands.shape),
+            "expression_basis": None if self.expression_basis is None else self.expression_basis.to_json(),
         }
         tensors = {name: value.detach().cpu().contiguous() for name, value in self.state_dict().items()}
         with atomic_folder(path) as folder:
@@ -236,4 +288,7 @@ class Avatar(nn.Module):
         head = Head(start, torch.zeros(1, 3), rest, HeadConfig(**description["head"]))
         scalp = ScalpLayer.blank(*description["scalp"])
         normalizer = SignalNormalizer(torch.ones(3), torch.ones(3))
-        return cls(hair, head, normalizer, torch.zeros(3), scalp)
+        basis = description["expression_basis"]
+        if basis is not None:
+            basis = ExpressionBasis(basis["name"], tuple(basis.get("names", ())))
+        return cls(hair, head, normalizer, torch.zeros(3), scalp, basis)

@@ -108,9 +108,12 @@ class JointObjective(nn.Module):
             "elastic": elastic_loss(posed.strands, rest),
             "tracking": (posed.head.means[: len(tracked)] - tracked).square().sum(-1).mean(),
         }
+        if images.coarse is not None:
+            terms["coarse"] = l1_loss(images.coarse, reduced(batch.rgb, (images.coarse.shape[1], images.coarse.shape[2])))
         decay = segmentation_weight(step, config.iterations, config.segmentation_warmup, config.segmentation_floor)
         scale = {
             "rgb": weights.rgb,
+            "coarse": weights.rgb,
             "ssim": weights.ssim,
             "segmentation": weights.segmentation * decay,
             "body": weights.body,
@@ -133,3 +136,8 @@ def agreed_colours(images: AvatarImages, batch: Batch) -> Float[Tensor, "v h w 3
     hair, body = images.hair.detach(), images.body.detach()
     off = (hair - batch.hair).abs() + (body - batch.body).abs() + (hair + body - batch.hair - batch.body).abs()
     return torch.lerp(images.rgb, batch.rgb, (off / 2).clamp(0, 1)[..., None])
+
+
+def reduced(images: Float[Tensor, "v h w 3"], size: tuple[int, int]) -> Float[Tensor, "v y x 3"]:
+    """Images averaged to a smaller height and width."""
+    return nn.functional.interpolate(images.movedim(-1, 1), size, mode="area").movedim(1, -1)

@@ -159,7 +159,8 @@ class _Training:
         background = torch.from_numpy(self.capture.background).float()
         scalp = torch.nonzero(torch.isin(points.face, tracked_surface(self.capture).scalp)).squeeze(1)
         layer = ScalpLayer.under(strands[:, 0], head.means.detach(), scalp)
-        return Avatar(hair, head, normalizer, background, layer), points, checkpoint
+        basis = self.capture.expression_basis
+        return Avatar(hair, head, normalizer, background, layer, basis), points, checkpoint
 
     def canonical_hair(self) -> Float[Tensor, "n 200 3"]:
         """The static stage's strands, head frame, metres."""
@@ -242,6 +243,7 @@ def joint_optimizer(objective: JointObjective, rates: LearningRates) -> torch.op
         "body_response": list(head.skinning.parameters()),
         "scalp_cover": list(avatar.scalp.parameters()),
         "pose_correction": list(objective.pose_corrections),
+        "super_resolution": [] if avatar.super_resolution is None else list(avatar.super_resolution.parameters()),
     }
     taken = {id(parameter) for parameters in own.values() for parameter in parameters}
     own["head_networks"] = [parameter for parameter in objective.parameters() if id(parameter) not in taken]
