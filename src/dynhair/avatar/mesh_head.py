@@ -15,7 +15,7 @@ from dynhair.avatar.branches import Branches, expression_weight
 from dynhair.avatar.encoding import encoded_size, positional_encoding
 from dynhair.avatar.head import CANONICAL_UNIT, ENCODING_FREQUENCIES
 from dynhair.avatar.head_pose import HeadPose
-from dynhair.avatar.neural_surface import NeuralSurface
+from dynhair.avatar.neural_surface import Extraction, NeuralSurface
 from dynhair.avatar.skinning import Skinning
 from dynhair.config import HeadConfig
 from dynhair.mesh import TetrahedralGrid, triangle_gaussians
@@ -33,6 +33,7 @@ class CanonicalMesh:
         colours: of the vertices, whatever the pose and the expression; in [0, 1].
         features: of the vertices, for the networks that add to the colours; in [-1, 1].
         follow: of the vertices, 1 for what moves with the head, 0 for what moves with the body.
+        found: what the mesh was extracted from.
     """
 
     vertices: Float[Tensor, "v 3"]
@@ -40,6 +41,7 @@ class CanonicalMesh:
     colours: Float[Tensor, "v 3"]
     features: Float[Tensor, "v c"]
     follow: Float[Tensor, " v"]
+    found: Extraction
 
 
 @dataclass(frozen=True)
@@ -47,14 +49,12 @@ class PosedMesh:
     """The surface in one frame.
 
     Attributes:
-        neutral: the vertices as they are without pose and expression, head frame, metres.
         displacement: of the vertices by the deformation networks, head frame, metres.
         vertices: world, metres.
         faces: triangles, counter-clockwise seen from outside.
         colours: of the vertices, not bounded.
     """
 
-    neutral: Float[Tensor, "v 3"]
     displacement: Float[Tensor, "v 3"]
     vertices: Float[Tensor, "v 3"]
     faces: Int64[Tensor, "f 3"]
@@ -74,6 +74,7 @@ class MeshHead(nn.Module):
 
     Args:
         grid: head frame, metres.
+        first: signed distance of the shape that it begins as, at the grid's vertices, metres.
         follow: of the grid's vertices: 1 for what moves with the head, 0 for what moves with the body.
         landmarks: facial landmarks of the rest frame, head frame, metres; what becomes of them is learned.
         rest: the rest frame's pose.
@@ -86,6 +87,7 @@ class MeshHead(nn.Module):
     def __init__(
         self,
         grid: TetrahedralGrid,
+        first: Float[Tensor, " n"],
         follow: Float[Tensor, " n"],
         landmarks: Float[Tensor, "m 3"],
         rest: HeadPose,
@@ -94,7 +96,7 @@ class MeshHead(nn.Module):
     ) -> None:
         super().__init__()
         self.config = config
-        self.geometry = NeuralSurface(grid, mesh_config.width, mesh_config.layers, config.features)
+        self.geometry = NeuralSurface(grid, first, mesh_config.width, mesh_config.layers, config.features)
         self.register_buffer("_follow", follow.clone(), persistent=False)
         self.landmarks = nn.Parameter(landmarks.clone())
         self.skinning = Skinning(rest)
@@ -107,10 +109,11 @@ class MeshHead(nn.Module):
 
     def canonical(self) -> CanonicalMesh:
         """The neutral mesh, as far as :meth:`NeuralSurface.refresh` knows where it is."""
-        surface, field, rows = self.geometry()
-        look = surface.interpolate(torch.cat([field.colours, field.features, self._follow[rows, None]], 1))
+        found = self.geometry()
+        surface, field = found.surface, found.field
+        look = surface.interpolate(torch.cat([field.colours, field.features, self._follow[found.rows, None]], 1))
         colours, features, follow = look.split([3, look.shape[1] - 4, 1], dim=1)
-        return CanonicalMesh(surface.vertices, surface.faces, colours, features, follow[:, 0].detach())
+        return CanonicalMesh(surface.vertices, surface.faces, colours, features, follow[:, 0].detach(), found)
 
     def pose_code(self, pose: HeadPose) -> Float[Tensor, " p"]:
         """The encoded pose: rotation vector, and translation from rest in canonical units."""
@@ -146,11 +149,13 @@ class MeshHead(nn.Module):
         """Colours in one frame: those of the points themselves, and what the colour networks add."""
         return base + self.colour(features, weight, pose.expression, self.pose_code(pose))[:, :3]
 
-    def forward(self, pose: HeadPose) -> PosedMesh:
+    def posed(self, mesh: CanonicalMesh, pose: HeadPose) -> PosedMesh:
         """The mesh in one frame (appendix A, "Deformation module", "Appearance and attributes")."""
-        mesh = self.canonical()
         weight = self.expression_weight(mesh.vertices)
         displacement = self.displacement(mesh.vertices, weight, pose)
         vertices = self.skinning.world(mesh.vertices + displacement, mesh.follow, pose)
-        colours = self.colours(mesh.colours, mesh.features, weight, pose)
-        return PosedMesh(mesh.vertices, displacement, vertices, mesh.faces, colours)
+        return PosedMesh(displacement, vertices, mesh.faces, self.colours(mesh.colours, mesh.features, weight, pose))
+
+    def forward(self, pose: HeadPose) -> PosedMesh:
+        """The neutral mesh's place and look in one frame."""
+        return self.posed(self.canonical(), pose)

@@ -36,6 +36,22 @@ class PointField(NamedTuple):
     features: Float[Tensor, "n f"]
 
 
+class Extraction(NamedTuple):
+    """A surface and what it was extracted from.
+
+    Attributes:
+        surface: whose parents count the evaluated grid vertices.
+        field: what the network says of those.
+        rows: their indices in the grid.
+        tetrahedra: those among them, as places in ``rows``.
+    """
+
+    surface: Surface
+    field: PointField
+    rows: Int[Tensor, " n"]
+    tetrahedra: Int[Tensor, "t 4"]
+
+
 class NeuralSurface(nn.Module):
     """The geometry MLP of the mesh head and the grid that it lives on (paper, appendix A; Deep Marching Tetrahedra).
 
@@ -45,6 +61,7 @@ class NeuralSurface(nn.Module):
 
     Args:
         grid: head frame, metres.
+        first: signed distance of the shape that it begins as, at the grid's vertices, metres.
         width: of the hidden layers.
         layers: their number.
         features: learned features of a point.
@@ -52,14 +69,18 @@ class NeuralSurface(nn.Module):
 
     near: Tensor
     places: Tensor
+    first: Tensor
     _tetrahedra: Tensor
 
-    def __init__(self, grid: TetrahedralGrid, width: int, layers: int, features: int) -> None:
+    def __init__(
+        self, grid: TetrahedralGrid, first: Float[Tensor, " n"], width: int, layers: int, features: int
+    ) -> None:
         super().__init__()
         self._outputs = [1, 3, 3, features]
         self.network = PointMLP(encoded_size(3, ENCODING_FREQUENCIES), 0, (width,) * layers, sum(self._outputs))
         self.spacing = grid.spacing
         self.register_buffer("places", grid.vertices, persistent=False)
+        self.register_buffer("first", first.clone(), persistent=False)
         self.register_buffer("_tetrahedra", grid.tetrahedra, persistent=False)
         self.register_buffer("near", torch.full((len(grid.vertices),), _WITHIN, dtype=torch.uint8))
         self._near_rows: tuple[Tensor, Tensor] | None = None
@@ -72,16 +93,11 @@ class NeuralSurface(nn.Module):
         bound = LARGEST_SHIFT * self.spacing
         return PointField(CANONICAL_UNIT * sdf[:, 0], bound * shift.tanh(), colours.sigmoid(), features.tanh())
 
-    def forward(self) -> tuple[Surface, PointField, Int[Tensor, " n"]]:
-        """The surface, as far as it lies where the network is evaluated.
-
-        Returns:
-            The surface, whose parents count the evaluated grid vertices; what the network says of those; their indices
-            in the grid.
-        """
+    def forward(self) -> Extraction:
+        """The surface, as far as it lies where the network is evaluated."""
         found = self._extracted()
-        surface, _, rows = found
-        if not len(surface.faces) or (self.near[rows][surface.parents] == _EDGE).any():
+        parents = found.surface.parents
+        if not len(parents) or (self.near[found.rows][parents] == _EDGE).any():
             self.refresh()
             found = self._extracted()
         return found
@@ -110,11 +126,12 @@ class NeuralSurface(nn.Module):
         self.near = layers.clamp_max(_WITHIN)
         self._forget_rows()
 
-    def _extracted(self) -> tuple[Surface, PointField, Tensor]:
+    def _extracted(self) -> Extraction:
         rows, tetrahedra = self._rows()
         places = self.places[rows]
         field = self.at(places)
-        return marching_tetrahedra(places + field.shift, field.sdf, tetrahedra), field, rows
+        surface = marching_tetrahedra(places + field.shift, field.sdf, tetrahedra)
+        return Extraction(surface, field, rows, tetrahedra)
 
     def _rows(self) -> tuple[Tensor, Tensor]:
         """Indices of the grid vertices near the surface, and the tetrahedra among them."""

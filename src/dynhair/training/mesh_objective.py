@@ -11,6 +11,7 @@ from torch import Tensor
 from dynhair.avatar import head_pose
 from dynhair.avatar.head import CANONICAL_UNIT
 from dynhair.avatar.mesh_head import MeshHead, PosedMesh
+from dynhair.avatar.neural_surface import Extraction, NeuralSurface
 from dynhair.camera import Camera
 from dynhair.capture import Capture, Segment
 from dynhair.mesh import laplacian_loss, silhouette_iou_loss
@@ -69,16 +70,18 @@ class MeshObjective:
         device = head.landmarks.device
         pose = head_pose(self._tracks[batch.segment], batch.index, device)
         tracked = torch.from_numpy(self._capture.landmarks_3d(self._segments[batch.segment].start + batch.index))
-        mesh = head(pose)
-        images = mesh_images(mesh, batch.cameras, self._background.to(device))
+        mesh = head.canonical()
+        posed = head.posed(mesh, pose)
+        images = mesh_images(posed, batch.cameras, self._background.to(device))
         counted = seen_without_hair(batch.hair)
         terms = {
             "image": image_loss(images.rgb, batch.rgb, counted),
             "silhouette": silhouette_iou_loss(images.coverage, batch.body, counted.to(images.coverage)),
             "landmarks": mean_square(head.world_landmarks(pose) - tracked.to(device)),
-            "deformation": mean_square(mesh.displacement),
+            "deformation": mean_square(posed.displacement),
             "surface": head.geometry.at(head.landmarks).sdf.abs().mean() / CANONICAL_UNIT,
-            "laplacian": laplacian_loss(mesh.neutral, mesh.faces) / CANONICAL_UNIT**2,
+            "laplacian": laplacian_loss(mesh.vertices, mesh.faces) / head.geometry.spacing**2,
+            "departure": departure_loss(head.geometry, mesh.found),
         }
         loss = torch.stack([getattr(self._weights, name) * term for name, term in terms.items()]).sum()
         return MeshStep(loss, {name: term.detach() for name, term in terms.items()}, images)
@@ -107,6 +110,24 @@ def image_loss(
     """Mean absolute difference over the counted pixels; nought where none is counted."""
     share = counted[..., None].to(predicted)
     return ((predicted - target).abs() * share).sum() / (3 * share.sum()).clamp_min(1)
+
+
+def departure_loss(surface: NeuralSurface, found: Extraction) -> Float[Tensor, ""]:
+    """How unevenly the signed distance departs from that of the first shape.
+
+    The departure's variance within a tetrahedron, summed over the corners, in squared cubes, and averaged over the
+    tetrahedra: up to a factor its squared gradient.
+
+    What hair hides no image shapes. There the surface keeps the first shape's form, and goes along with what is seen
+    beside it; left to itself the network would make waves.
+
+    Args:
+        surface: knows the first shape.
+        found: what the network said near the surface.
+    """
+    departure = (found.field.sdf - surface.first[found.rows]) / surface.spacing
+    corners = departure.index_select(0, found.tetrahedra.flatten()).view(-1, 4)
+    return (corners - corners.mean(1, keepdim=True)).square().sum(1).mean()
 
 
 def mean_square(lengths: Float[Tensor, "k 3"]) -> Float[Tensor, ""]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.nn import functional
 
 from dynhair.avatar.head import CANONICAL_UNIT
 from dynhair.avatar.neural_surface import NeuralSurface
@@ -32,7 +31,7 @@ def first_shape(points: Float[Tensor, "n 3"], landmarks: Float[Tensor, "m 3"]) -
     return (level * (level - 1) / slope.clamp_min(1e-6)).amin(1)
 
 
-def pretrain(surface: NeuralSurface, landmarks: Float[Tensor, "m 3"], iterations: int, seed: int) -> None:
+def pretrain(surface: NeuralSurface, iterations: int, seed: int) -> None:
     """Teach the geometry MLP the first shape, at random grid vertices; then look where its surface is.
 
     Gaussian Head Avatar begins with a unit sphere, but shows no more of the trunk than the neck. A sphere would have to
@@ -40,7 +39,6 @@ def pretrain(surface: NeuralSurface, landmarks: Float[Tensor, "m 3"], iterations
 
     Args:
         surface: changed in place.
-        landmarks: facial landmarks, head frame, metres.
         iterations: Adam steps.
         seed: of the vertices drawn.
 
@@ -50,9 +48,9 @@ def pretrain(surface: NeuralSurface, landmarks: Float[Tensor, "m 3"], iterations
     optimizer = torch.optim.Adam(surface.network.parameters(), lr=_RATE)
     generator = torch.Generator().manual_seed(seed)
     for _ in range(iterations):
-        points = surface.places[torch.randint(len(surface.places), (_POINTS,), generator=generator)]
-        wanted = first_shape(points, landmarks)
-        loss = functional.mse_loss(surface.at(points).sdf / CANONICAL_UNIT, wanted / CANONICAL_UNIT)
+        rows = torch.randint(len(surface.places), (_POINTS,), generator=generator)
+        wrong = surface.at(surface.places[rows]).sdf - surface.first[rows]
+        loss = (wrong / CANONICAL_UNIT).square().mean()
         optimizer.zero_grad(set_to_none=True)
         loss.backward()
         optimizer.step()
