@@ -15,6 +15,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 import yaml
 
 from dynhair.errors import DynhairError
+from dynhair.mesh_config import MeshHeadConfig
 from dynhair.storage import atomic_file
 
 
@@ -109,6 +110,7 @@ class HeadConfig:
     """Gaussians of head and upper body (paper, appendix A).
 
     Attributes:
+        start: what the Gaussians begin on: the ``tracked`` mesh, or the surface of the paper's ``mesh`` stage.
         gaussians: their number on the surface.
         mouth_gaussians: those sampled around the mouth.
         follow_weights: whether each Gaussian has a learned weight between the head's motion and the body's; without
@@ -124,9 +126,9 @@ class HeadConfig:
         attribute_scale: factor on the attribute MLPs' outputs.
         near: up to this distance from the landmarks, metres, a point follows the expression alone.
         far: from this distance, metres, a point follows the pose alone.
-        tracking_iterations: steps that fit the deformation MLPs to the tracked mesh before images are seen.
     """
 
+    start: Literal["tracked", "mesh"] = "tracked"
     gaussians: int = 20_000
     mouth_gaussians: int = 600
     follow_weights: bool = True
@@ -140,7 +142,6 @@ class HeadConfig:
     attribute_scale: float = 0.2
     near: float = 0.03
     far: float = 0.05
-    tracking_iterations: int = 1500
 
     @property
     def colour_channels(self) -> int:
@@ -176,6 +177,7 @@ class LearningRates:
     head_opacity: float = 1e-3
     head_scales: float = 1e-3
     head_means: float = 1e-5
+    head_modes: float = 1e-5
     head_features: float = 1e-3
     head_rotations: float = 1e-3
     head_follow: float = 5e-3
@@ -223,6 +225,7 @@ class Config:
 
     hair: HairConfig = field(default_factory=HairConfig)
     static: StaticConfig = field(default_factory=StaticConfig)
+    mesh: MeshHeadConfig = field(default_factory=MeshHeadConfig)
     head: HeadConfig = field(default_factory=HeadConfig)
     training: TrainingConfig = field(default_factory=TrainingConfig)
 
@@ -231,14 +234,7 @@ PRESETS: Mapping[str, Config] = {
     "tiny": Config(
         hair=HairConfig(strands=600, points=24, deformer=DeformerConfig(hidden=64, width=64)),
         static=StaticConfig(encoder_iterations=20, style_generations=8, iterations=250),
-        head=HeadConfig(
-            gaussians=8000,
-            mouth_gaussians=300,
-            features=16,
-            deformation_width=48,
-            appearance_width=16,
-            tracking_iterations=500,
-        ),
+        head=HeadConfig(gaussians=8000, mouth_gaussians=300, features=16, deformation_width=48, appearance_width=16),
         training=TrainingConfig(iterations=1200, checkpoint_every=300, preview_every=300),
     ),
     "small": Config(),

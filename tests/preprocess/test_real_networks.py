@@ -103,7 +103,6 @@ def test_it_trains_as_it_is(made: Capture, tmp_path: Path) -> None:
     config = replace(
         config,
         static=replace(config.static, encoder_iterations=2, iterations=8),
-        head=replace(config.head, tracking_iterations=10),
         training=replace(config.training, iterations=4),
     )
     train(made.path, tmp_path / "run", config)

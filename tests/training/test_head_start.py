@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 from meshless import write_meshless_capture
 
 from dynhair.avatar import head_pose
-from dynhair.capture import Capture
+from dynhair.capture import Capture, Segment
 from dynhair.config import HeadConfig
+from dynhair.strands import Roots
 from dynhair.training.frames import head_frame, training_segments
 from dynhair.training.head_start import (
-    fit_tracking,
     mouth_points,
     start_head,
     surface_points,
+    tracked_modes,
     tracked_positions,
 )
 from dynhair.training.surface import tracked_surface
@@ -66,19 +66,49 @@ def test_points_move_with_the_mesh() -> None:
     torch.testing.assert_close(points.positions(vertices * 2 + 1), points.positions(vertices) * 2 + 1)
 
 
-def test_fitting_brings_the_head_closer_to_its_tracking(capture: Capture) -> None:
+def test_the_head_starts_where_the_tracking_has_it_and_follows_it(capture: Capture) -> None:
     head, points = start_head(capture, CONFIG, 0)
     segments = training_segments(capture)
-    errors: list[float] = []
-    fit_tracking(
-        head, points, capture, segments, iterations=150, seed=0, progress=lambda _s, _t, error: errors.append(error)
-    )
-    assert len(errors) == 150
-    assert np.mean(errors[-10:]) < 0.75 * np.mean(errors[:10])
-    target = head_frame(capture.track(segments[0]), 0)(
-        tracked_positions(tracked_surface(capture), segments[0], 0, points)
-    )
-    assert (head.means.detach()[: len(target)] - target).norm(dim=1).max() < 1e-5
+    surface, count = tracked_surface(capture), len(points.face)
+    target = head_frame(capture.track(segments[0]), 0)(tracked_positions(surface, segments[0], 0, points))
+    assert (head.means.detach()[:count] - target).norm(dim=1).max() < 1e-5
+    for segment in segments:
+        for index in range(segment.count):
+            moved = head.world_means(head_pose(capture.track(segment), index))[:count]
+            error = (moved - tracked_positions(surface, segment, index, points)).norm(dim=1)
+            assert error.square().mean().sqrt() < 1e-3
+
+
+def test_modes_close_what_opens(capture: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A surface half of which rises with the second coefficient, beside the other half."""
+    surface = tracked_surface(capture)
+    segments, rising = training_segments(capture), torch.arange(1000) % 2 == 0
+    rest = surface.vertices(segments[0].start)
+    expressions = {
+        segment.start + index: capture.track(segment).expressions[index]
+        for segment in segments
+        for index in range(segment.count)
+    }
+    rows = torch.arange(30)
+    points = surface_points(rest, surface.faces, 30, 0)
+    lift = torch.where(rising[rows], 0.02, 0.0)
+
+    def raised(_surface: object, segment: Segment, index: int, chosen: Roots) -> torch.Tensor:
+        pose = head_pose(capture.track(segment), index)
+        change = float(expressions[segment.start + index][1] - expressions[segments[0].start][1])
+        lifted = means + change * lift[:, None] * torch.tensor([0.0, 1.0, 0.0])
+        return lifted @ pose.rotation.T + pose.translation
+
+    means = head_frame(capture.track(segments[0]), 0)(points.positions(rest))
+    monkeypatch.setattr("dynhair.training.head_start.tracked_positions", raised)
+    pose = head_pose(capture.track(segments[0]), 0)
+    modes = tracked_modes(surface, capture, points, means, rows, torch.ones(30), pose)
+    with torch.no_grad():
+        for segment in segments:
+            for index in range(segment.count):
+                driven = head_pose(capture.track(segment), index)
+                moved = modes.displaced(means, driven.expression) @ driven.rotation.T + driven.translation
+                assert (moved - raised(surface, segment, index, points)).norm(dim=1).max() < 5e-4
 
 
 def test_a_capture_without_a_mesh_starts_on_the_registered_head(tmp_path: Path) -> None:

@@ -118,7 +118,7 @@ def test_a_capture_without_a_mesh_trains(tmp_path: Path) -> None:
     config = Config(
         hair=HairConfig(strands=30, points=8, deformer=DeformerConfig(hidden=8, width=16)),
         static=StaticConfig(encoder_iterations=1, iterations=2),
-        head=HeadConfig(gaussians=500, features=4, deformation_width=16, appearance_width=8, tracking_iterations=2),
+        head=HeadConfig(gaussians=500, features=4, deformation_width=16, appearance_width=8),
         training=TrainingConfig(iterations=3, image_size=24, precision="float32"),
     )
     avatar = train(path, tmp_path / "run", config, console=Console(file=io.StringIO()))

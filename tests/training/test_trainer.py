@@ -37,7 +37,7 @@ from synthetic import write_synthetic_capture
 CONFIG = Config(
     hair=HairConfig(strands=60, points=10, deformer=DeformerConfig(hidden=8, width=16)),
     static=StaticConfig(encoder_iterations=2, style_generations=0, iterations=6),
-    head=HeadConfig(gaussians=500, features=4, deformation_width=16, appearance_width=8, tracking_iterations=20),
+    head=HeadConfig(gaussians=500, features=4, deformation_width=16, appearance_width=8),
     training=TrainingConfig(iterations=12, image_size=32, precision="float32", checkpoint_every=5, preview_every=6),
 )
 

@@ -2,6 +2,7 @@
 
 from dynhair.avatar.avatar import Avatar, AvatarImages, PosedAvatar
 from dynhair.avatar.deformer import HairDeformer
+from dynhair.avatar.expression_modes import ExpressionModes
 from dynhair.avatar.hair import Hair
 from dynhair.avatar.head import Head, HeadGaussians, HeadStart
 from dynhair.avatar.head_pose import HeadPose, head_pose
@@ -10,6 +11,7 @@ from dynhair.avatar.scalp_layer import ScalpLayer
 __all__ = [
     "Avatar",
     "AvatarImages",
+    "ExpressionModes",
     "Hair",
     "HairDeformer",
     "Head",

@@ -14,6 +14,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from dynhair.avatar.expression_modes import ExpressionModes
 from dynhair.avatar.hair import Hair
 from dynhair.avatar.head import Head, HeadGaussians, HeadStart
 from dynhair.avatar.head_pose import HeadPose, head_pose
@@ -234,7 +235,6 @@ class Avatar(nn.Module):
             "expression_size": self.head.expression_size,
             "deformer": dataclasses.asdict(self.hair.deformer.config),
             "head": dataclasses.asdict(self.head.config),
-            "scalp": list(self.scalp.strands.shape),
             "expression_basis": None if self.expression_basis is None else self.expression_basis.to_json(),
         }
         tensors = {name: value.detach().cpu().contiguous() for name, value in self.state_dict().items()}
@@ -284,9 +284,11 @@ class Avatar(nn.Module):
             DeformerConfig(**description["deformer"]),
         )
         rest = HeadPose(torch.eye(3), torch.zeros(3), torch.zeros(3), torch.zeros(int(description["expression_size"])))
-        start = HeadStart.blank(len(tensors["head.means"]))
+        coefficients, rows, _ = tensors["head.modes.offsets"].shape
+        modes = ExpressionModes.blank(len(rest.expression), coefficients, rows)
+        start = HeadStart.blank(len(tensors["head.means"]), modes)
         head = Head(start, torch.zeros(1, 3), rest, HeadConfig(**description["head"]))
-        scalp = ScalpLayer.blank(*description["scalp"])
+        scalp = ScalpLayer.blank(*tensors["scalp.strands"].shape)
         normalizer = SignalNormalizer(torch.ones(3), torch.ones(3))
         basis = description["expression_basis"]
         if basis is not None:

@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from dynhair.avatar.branches import Branches, expression_weight
 from dynhair.avatar.encoding import encoded_size, positional_encoding
+from dynhair.avatar.expression_modes import ExpressionModes
 from dynhair.avatar.head_pose import HeadPose
 from dynhair.avatar.skinning import Skinning
 from dynhair.config import HeadConfig
@@ -38,6 +39,7 @@ class HeadStart:
         colours: in [0, 1].
         opacities: in (0, 1).
         follow: 1 for what moves with the head, 0 for what moves with the body.
+        modes: how the expression moves it; None if that is not known.
     """
 
     means: Float[Tensor, "k 3"]
@@ -46,12 +48,13 @@ class HeadStart:
     colours: Float[Tensor, "k 3"]
     opacities: Float[Tensor, " k"]
     follow: Float[Tensor, " k"]
+    modes: ExpressionModes | None = None
 
     @classmethod
-    def blank(cls, count: int) -> HeadStart:
+    def blank(cls, count: int, modes: ExpressionModes) -> HeadStart:
         """A start of the right sizes, for a head whose parameters are to be loaded."""
         ones = torch.ones(count)
-        return cls(torch.zeros(count, 3), torch.ones(count, 3), ones, torch.zeros(count, 3), ones / 2, ones / 2)
+        return cls(torch.zeros(count, 3), torch.ones(count, 3), ones, torch.zeros(count, 3), ones / 2, ones / 2, modes)
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,8 @@ class Head(nn.Module):
 
     - a colour of its own to which the colour MLPs add: a face is recognisable after hundreds of steps instead of
       thousands;
+    - displacements of its own for the expression (:class:`~dynhair.avatar.expression_modes.ExpressionModes`) to which
+      the deformation MLPs add: lids close over eyes;
     - a follow weight of its own between the head's motion and the body's (:class:`~dynhair.avatar.skinning.Skinning`),
       so that the torso stays while the head turns and the neck bends between.
 
@@ -98,6 +103,7 @@ class Head(nn.Module):
         self.base_colours = nn.Parameter(nn.functional.pad(start.colours, (0, channels - 3)))
         weight = expression_weight(start.means, landmarks, config.near, config.far)
         self.register_buffer("expression_weight", weight)
+        self.modes = ExpressionModes.blank(expression) if start.modes is None else start.modes
         self.skinning = Skinning(rest)
         self.follow_logits = None
         if config.follow_weights:
@@ -120,19 +126,12 @@ class Head(nn.Module):
         moved = (pose.translation - self.skinning.rest_translation) / CANONICAL_UNIT
         return positional_encoding(torch.cat([pose.rotation_vector, moved]), ENCODING_FREQUENCIES)
 
-    def world_means(self, pose: HeadPose, only: Tensor | None = None) -> Float[Tensor, "k 3"]:
-        """Positions in the world, metres (appendix A, "Deformation module").
-
-        Args:
-            pose: the frame's pose and expression.
-            only: indices of the Gaussians wanted; all by default.
-        """
-        means, weight, follow = self.means, self.expression_weight, self.follow
-        if only is not None:
-            means, weight, follow = means[only], weight[only], follow[only]
-        code = positional_encoding(means / CANONICAL_UNIT, ENCODING_FREQUENCIES)
-        moved = self.deformation(code, weight, pose.expression, self.pose_code(pose))
-        return self.skinning.world(means + self.config.deformation_scale * moved, follow, pose)
+    def world_means(self, pose: HeadPose) -> Float[Tensor, "k 3"]:
+        """Positions in the world, metres (appendix A, "Deformation module")."""
+        code = positional_encoding(self.means / CANONICAL_UNIT, ENCODING_FREQUENCIES)
+        moved = self.deformation(code, self.expression_weight, pose.expression, self.pose_code(pose))
+        means = self.modes.displaced(self.means, pose.expression) + self.config.deformation_scale * moved
+        return self.skinning.world(means, self.follow, pose)
 
     def forward(self, pose: HeadPose) -> HeadGaussians:
         """The posed Gaussians in the world (appendix A, "Appearance and attributes")."""

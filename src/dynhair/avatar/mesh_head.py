@@ -15,12 +15,15 @@ from dynhair.avatar.branches import Branches, expression_weight
 from dynhair.avatar.encoding import encoded_size, positional_encoding
 from dynhair.avatar.head import CANONICAL_UNIT, ENCODING_FREQUENCIES
 from dynhair.avatar.head_pose import HeadPose
+from dynhair.avatar.mlp import PointMLP
 from dynhair.avatar.neural_surface import Extraction, NeuralSurface
 from dynhair.avatar.skinning import Skinning
 from dynhair.config import HeadConfig
 from dynhair.mesh import TetrahedralGrid, triangle_gaussians
 from dynhair.mesh_config import MeshHeadConfig
 from dynhair.render import Gaussians
+
+_APPEARANCE_LAYERS = 3
 
 
 @dataclass(frozen=True)
@@ -69,8 +72,9 @@ class MeshHead(nn.Module):
     """Head and upper body as a mesh that follows expression and pose.
 
     Deformation, colour and skinning are those of :class:`~dynhair.avatar.head.Head` in shape and meaning. As there, a
-    point has a colour of its own to which the colour networks add; here the geometry network says it, through a
-    sigmoid.
+    point has a colour of its own to which the colour networks add. That and the point's features come from a network of
+    their own, where Gaussian Head Avatar lets the geometry MLP say them: colours are then learned without disturbing
+    the shape, and any point can be asked.
 
     Args:
         grid: head frame, metres.
@@ -96,7 +100,7 @@ class MeshHead(nn.Module):
     ) -> None:
         super().__init__()
         self.config = config
-        self.geometry = NeuralSurface(grid, first, mesh_config.width, mesh_config.layers, config.features)
+        self.geometry = NeuralSurface(grid, first, mesh_config.width, mesh_config.layers)
         self.register_buffer("_follow", follow.clone(), persistent=False)
         self.landmarks = nn.Parameter(landmarks.clone())
         self.skinning = Skinning(rest)
@@ -104,16 +108,27 @@ class MeshHead(nn.Module):
         position = encoded_size(3, ENCODING_FREQUENCIES)
         pose = encoded_size(6, ENCODING_FREQUENCIES)
         wide, deep, thin = config.deformation_width, config.deformation_layers, config.appearance_width
+        self.appearance = PointMLP(position, 0, (mesh_config.width,) * _APPEARANCE_LAYERS, 3 + config.features)
         self.deformation = Branches(position, expression, pose, (wide,) * deep, (wide,) * 2, 3, bounded=True)
         self.colour = Branches(config.features, expression, pose, (thin,) * 2, (thin,), config.colour_channels)
 
     def canonical(self) -> CanonicalMesh:
         """The neutral mesh, as far as :meth:`NeuralSurface.refresh` knows where it is."""
         found = self.geometry()
-        surface, field = found.surface, found.field
-        look = surface.interpolate(torch.cat([field.colours, field.features, self._follow[found.rows, None]], 1))
-        colours, features, follow = look.split([3, look.shape[1] - 4, 1], dim=1)
-        return CanonicalMesh(surface.vertices, surface.faces, colours, features, follow[:, 0].detach(), found)
+        surface = found.surface
+        colours, features = self.look(surface.vertices)
+        follow = surface.interpolate(self._follow[found.rows, None])[:, 0].detach()
+        return CanonicalMesh(surface.vertices, surface.faces, colours, features, follow, found)
+
+    def look(self, points: Float[Tensor, "k 3"]) -> tuple[Float[Tensor, "k 3"], Float[Tensor, "k c"]]:
+        """Colours in [0, 1] and features in [-1, 1] of points of the head frame, metres; where they are has no gradient.
+
+        Returns:
+            What the points look like whatever the pose and the expression; what the colour networks know them by.
+        """
+        code = positional_encoding(points.detach() / CANONICAL_UNIT, ENCODING_FREQUENCIES)
+        colours, features = self.appearance(code, code.new_empty(0)).split([3, self.config.features], dim=1)
+        return colours.sigmoid(), features.tanh()
 
     def pose_code(self, pose: HeadPose) -> Float[Tensor, " p"]:
         """The encoded pose: rotation vector, and translation from rest in canonical units."""

@@ -1,4 +1,4 @@
-"""A surface that a network describes on a tetrahedral grid: signed distance, place and look of every grid vertex."""
+"""A surface that a network describes on a tetrahedral grid: the signed distance and the place of every grid vertex."""
 
 from __future__ import annotations
 
@@ -26,14 +26,10 @@ class PointField(NamedTuple):
     Attributes:
         sdf: signed distance, metres, negative inside.
         shift: displacement of a grid vertex, metres.
-        colours: of the surface there, whatever the pose and the expression; in [0, 1].
-        features: for the networks that add to the colours.
     """
 
     sdf: Float[Tensor, " n"]
     shift: Float[Tensor, "n 3"]
-    colours: Float[Tensor, "n 3"]
-    features: Float[Tensor, "n f"]
 
 
 class Extraction(NamedTuple):
@@ -64,7 +60,6 @@ class NeuralSurface(nn.Module):
         first: signed distance of the shape that it begins as, at the grid's vertices, metres.
         width: of the hidden layers.
         layers: their number.
-        features: learned features of a point.
     """
 
     near: Tensor
@@ -72,15 +67,12 @@ class NeuralSurface(nn.Module):
     first: Tensor
     _tetrahedra: Tensor
 
-    def __init__(
-        self, grid: TetrahedralGrid, first: Float[Tensor, " n"], width: int, layers: int, features: int
-    ) -> None:
+    def __init__(self, grid: TetrahedralGrid, first: Float[Tensor, " n"], width: int, layers: int) -> None:
         super().__init__()
-        self._outputs = [1, 3, 3, features]
-        self.network = PointMLP(encoded_size(3, ENCODING_FREQUENCIES), 0, (width,) * layers, sum(self._outputs))
+        self.network = PointMLP(encoded_size(3, ENCODING_FREQUENCIES), 0, (width,) * layers, 1 + 3)
         self.spacing = grid.spacing
         self.register_buffer("places", grid.vertices, persistent=False)
-        self.register_buffer("first", first.clone(), persistent=False)
+        self.register_buffer("first", first.clone())
         self.register_buffer("_tetrahedra", grid.tetrahedra, persistent=False)
         self.register_buffer("near", torch.full((len(grid.vertices),), _WITHIN, dtype=torch.uint8))
         self._near_rows: tuple[Tensor, Tensor] | None = None
@@ -89,9 +81,8 @@ class NeuralSurface(nn.Module):
     def at(self, points: Float[Tensor, "n 3"]) -> PointField:
         """What the network says of points of the head frame, metres."""
         code = positional_encoding(points / CANONICAL_UNIT, ENCODING_FREQUENCIES)
-        sdf, shift, colours, features = self.network(code, points.new_empty(0)).split(self._outputs, dim=1)
-        bound = LARGEST_SHIFT * self.spacing
-        return PointField(CANONICAL_UNIT * sdf[:, 0], bound * shift.tanh(), colours.sigmoid(), features.tanh())
+        sdf, shift = self.network(code, points.new_empty(0)).split([1, 3], dim=1)
+        return PointField(CANONICAL_UNIT * sdf[:, 0], LARGEST_SHIFT * self.spacing * shift.tanh())
 
     def forward(self) -> Extraction:
         """The surface, as far as it lies where the network is evaluated."""

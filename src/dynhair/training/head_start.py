@@ -1,27 +1,30 @@
-"""The head's start: Gaussians on the tracked surface, and networks that already move them as it moved."""
+"""The head's start: Gaussians on the tracked surface, that follow it from the first step."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
 
 import numpy as np
 import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from dynhair.avatar import Head, HeadStart, head_pose
+from dynhair.avatar import ExpressionModes, Head, HeadPose, HeadStart, head_pose
+from dynhair.avatar.branches import expression_weight
+from dynhair.avatar.expression_modes import fitted_modes
+from dynhair.avatar.skinning import Skinning
 from dynhair.capture import Capture, Segment
 from dynhair.config import HeadConfig
 from dynhair.prior.evidence import body_depths
 from dynhair.strands import Roots, sample_roots
-from dynhair.training.frames import head_frame, rest_frame
+from dynhair.training.frames import head_frame, rest_frame, training_segments
 from dynhair.training.static_scene import surface_gaussians
 from dynhair.training.static_views import rest_views
 from dynhair.training.surface import TrackedSurface, tracked_surface
 from dynhair.training.surface_colours import seen_colours
 
-FRAMES_PER_STEP = 4
-POINTS_PER_STEP = 2048
+MODE_FRAMES = 200  # at most; more say nothing new
+MODE_RIDGE = 1e-3
 OPAQUE = 0.95
 TRANSLUCENT = 0.3
 MOUTH = slice(48, 66)
@@ -73,11 +76,13 @@ def start_head(capture: Capture, config: HeadConfig, seed: int) -> tuple[Head, R
     vertices = to_head(surface.vertices(segment.start + index))
     points = surface_points(vertices, surface.faces, config.gaussians, seed)
     means = points.positions(vertices)
+    pose = head_pose(track, index)
     landmarks = to_head(torch.from_numpy(capture.landmarks_3d(segment.start + index)))
     mouth = mouth_points(landmarks, means, config.mouth_gaussians, seed)
     every = torch.cat([means, mouth])
     normals = torch.cat([points.normals(vertices), mouth.new_tensor([0.0, 0.0, 1.0]).expand_as(mouth)])
-    pose = head_pose(track, index)
+    follow = points.interpolate(surface.follow) if config.follow_weights else torch.ones(len(means))
+    expressive = torch.nonzero(expression_weight(means, landmarks, config.near, config.far)).squeeze(1)
     views = rest_views(capture, segment.start + index, pose)
     depth = body_depths(surface_gaussians(vertices, surface.faces), views.cameras)
     start = HeadStart(
@@ -86,7 +91,8 @@ def start_head(capture: Capture, config: HeadConfig, seed: int) -> tuple[Head, R
         spacing=mean_spacing(every),
         colours=seen_colours(every, normals, views, depth),
         opacities=torch.cat([means.new_full((len(means),), OPAQUE), mouth.new_full((len(mouth),), TRANSLUCENT)]),
-        follow=torch.cat([points.interpolate(surface.follow), mouth.new_ones(len(mouth))]),
+        follow=torch.cat([follow, mouth.new_ones(len(mouth))]),
+        modes=tracked_modes(surface, capture, points, means, expressive, follow, pose),
     )
     torch.manual_seed(seed)
     return Head(start, landmarks, pose, config), points
@@ -121,54 +127,37 @@ def mouth_points(
     return drawn[drawn[:, 2] < depths.amax(1) - LIP_DEPTH][:count]
 
 
-def fit_tracking(
-    head: Head,
-    points: Roots,
+def tracked_modes(
+    surface: TrackedSurface,
     capture: Capture,
-    segments: Sequence[Segment],
-    *,
-    iterations: int,
-    seed: int,
-    progress: Callable[[int, int, float], None],
-) -> None:
-    """Fit the head's deformation networks to the tracked surface, before any image is looked at.
-
-    Minimises the distance between the deformed Gaussians and their places on that surface, over random frames.
+    points: Roots,
+    means: Float[Tensor, "k 3"],
+    rows: Int64[Tensor, " m"],
+    follow: Float[Tensor, " k"],
+    rest: HeadPose,
+) -> ExpressionModes:
+    """How the expression moves points of the tracked surface, over the training segments.
 
     Args:
-        head: changed in place.
-        points: the Gaussians' places on the surface.
-        capture: gives the tracked surface.
-        segments: the training segments.
-        iterations: Adam steps.
-        seed: of the frames' order.
-        progress: called with the step, their number, and the root mean square distance in metres.
+        surface: that moves.
+        capture: gives poses and expressions.
+        points: places on the surface.
+        means: the same in the rest frame, head frame, metres.
+        rows: the points whose modes are wanted.
+        follow: how far each point follows the head.
+        rest: the rest frame's pose.
     """
-    surface = tracked_surface(capture)
-    tracks = [capture.track(segment) for segment in segments]
-    parameters = [*head.deformation.parameters()]
-    optimizer = torch.optim.Adam(parameters, lr=2e-3)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, max(iterations, 1))
-    generator = torch.Generator().manual_seed(seed)
-
-    def draw(count: int) -> int:
-        return int(torch.randint(count, (1,), generator=generator))
-
-    for step in range(iterations):
-        loss = torch.zeros(())
-        rows = torch.randint(len(points.face), (POINTS_PER_STEP,), generator=generator)
-        chosen = Roots(points.face[rows], points.triangle[rows], points.barycentric[rows])
-        for _ in range(FRAMES_PER_STEP):
-            number = draw(len(segments))
-            index = draw(segments[number].count)
-            moved = head.world_means(head_pose(tracks[number], index), rows)
-            target = tracked_positions(surface, segments[number], index, chosen)
-            loss = loss + (moved - target).square().sum(-1).mean() / FRAMES_PER_STEP
-        optimizer.zero_grad(set_to_none=True)
-        (loss * 1e4).backward()
-        optimizer.step()
-        schedule.step()
-        progress(step + 1, iterations, float(loss.detach().sqrt()))
+    frames = [(segment, index) for segment in training_segments(capture) for index in range(segment.count)]
+    chosen = Roots(points.face[rows], points.triangle[rows], points.barycentric[rows])
+    skinning = Skinning(rest)
+    expressions, displacements = [], []
+    for segment, index in frames[:: math.ceil(len(frames) / MODE_FRAMES)]:
+        pose = head_pose(capture.track(segment), index)
+        with torch.no_grad():
+            moved = skinning.world(means[rows], follow[rows], pose)
+        displacements.append((tracked_positions(surface, segment, index, chosen) - moved) @ pose.rotation)
+        expressions.append(pose.expression)
+    return fitted_modes(torch.stack(expressions), rest.expression, torch.stack(displacements), rows, MODE_RIDGE)
 
 
 def tracked_positions(surface: TrackedSurface, segment: Segment, index: int, points: Roots) -> Float[Tensor, "k 3"]:

@@ -29,7 +29,7 @@ from dynhair.threads import keep_large_blocks, large_pieces
 from dynhair.training.batches import Batches, load_batch
 from dynhair.training.checkpoint import Checkpoint
 from dynhair.training.frames import rest_frame, training_segments
-from dynhair.training.head_start import fit_tracking, start_head
+from dynhair.training.head_start import start_head
 from dynhair.training.interruption import interruptible
 from dynhair.training.objective import JointObjective
 from dynhair.training.previews import preview_picture, write_preview
@@ -139,18 +139,6 @@ class _Training:
         head, points = start_head(self.capture, self.config.head, seed)
         use_precision(head, self._precision)
         checkpoint = Checkpoint.read(self.run.checkpoint) if self.run.checkpoint.exists() else None
-        if checkpoint is None:
-            iterations = self.config.head.tracking_iterations
-            stage = self.progress.stage("head follows the tracking", iterations)
-            fit_tracking(
-                head,
-                points,
-                self.capture,
-                self.segments,
-                iterations=iterations,
-                seed=seed,
-                progress=lambda step, _, error: stage.update(step, f"{error * 1e3:.1f} mm"),
-            )
         torch.manual_seed(seed + 1)
         strands = resample_strands(strands, self.config.hair.points)
         hair = Hair(strands, strand_width(len(strands)), self._hair_colour(), self.config.hair.deformer)
@@ -234,6 +222,7 @@ def joint_optimizer(objective: JointObjective, rates: LearningRates) -> torch.op
         "hair_gloss": [hair.higher_harmonics],
         "deformer": list(hair.deformer.parameters()),
         "head_means": [head.means],
+        "head_modes": list(head.modes.parameters()),
         "head_features": [head.features],
         "head_scales": [head.log_scales],
         "head_rotations": [head.quats],
