@@ -109,7 +109,9 @@ class JointObjective(nn.Module):
             "tracking": (posed.head.means[: len(tracked)] - tracked).square().sum(-1).mean(),
         }
         if images.coarse is not None:
-            terms["coarse"] = l1_loss(images.coarse, reduced(batch.rgb, (images.coarse.shape[1], images.coarse.shape[2])))
+            terms["coarse"] = l1_loss(
+                images.coarse, reduced(batch.rgb, (images.coarse.shape[1], images.coarse.shape[2]))
+            )
         decay = segmentation_weight(step, config.iterations, config.segmentation_warmup, config.segmentation_floor)
         scale = {
             "rgb": weights.rgb,
