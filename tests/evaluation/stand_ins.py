@@ -17,7 +17,7 @@ from dynhair.capture import Capture, GroundTruth, HeadTrack, Segment, View
 from dynhair.capture.layout import Layout
 from dynhair.capture.manifest import Manifest
 
-WIDTH, HEIGHT = 26, 22
+WIDTH, HEIGHT = 36, 32
 SEGMENTS = (Segment("turn", 3, 7, "train"), Segment("stop", 10, 4, "test"), Segment("nod", 14, 3, "test"))
 CAMERAS = ("side", "front")
 

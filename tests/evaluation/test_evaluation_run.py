@@ -48,7 +48,7 @@ def test_an_evaluation_writes_figures_videos_and_a_sheet(tmp_path: Path) -> None
     assert count_frames(tmp_path / "out" / "test_stop.mp4") == 4
     assert count_frames(tmp_path / "out" / "test_nod.mp4") == 3
     with Image.open(tmp_path / "out" / "contact_sheet.png") as sheet:
-        assert sheet.width > 6 * 52
+        assert sheet.width > 6 * 72
     printed = output.getvalue()
     assert "stop (test)" in printed
     assert format_figure(evaluation.motion.avatar.values["psnr"], 2) in printed
@@ -74,7 +74,7 @@ def test_a_motion_that_is_not_there(tmp_path: Path) -> None:
 
 
 def test_the_frontal_camera_is_found_in_the_head_frame() -> None:
-    assert most_frontal_view(StandInCapture()) == 1
+    assert most_frontal_view(StandInCapture(), SEGMENTS[0], 0) == 1
 
 
 def test_an_error_leaves_neither_half_a_video_nor_a_sheet(tmp_path: Path) -> None:
@@ -95,14 +95,16 @@ def test_a_capture_without_test_segments_yields_no_pictures(tmp_path: Path) -> N
     assert recorder.written == list(tmp_path.iterdir()) == []
 
 
-def test_the_table_fits_80_columns_and_says_what_is_missing() -> None:
+def test_the_tables_fit_80_columns_and_say_what_is_missing() -> None:
     evaluation = evaluate_avatar(StandInAvatar(), StandInCapture(strands=False))
     output = io.StringIO()
     Console(file=output, width=80).print(evaluation_table(evaluation))
     lines = output.getvalue().splitlines()
     assert max(map(len, lines)) <= 80
     assert "…" not in output.getvalue()
-    assert sum("rigid" in line for line in lines) == len(SEGMENTS) + 1
+    assert sum("rigid" in line for line in lines) == len(SEGMENTS) + 1 + 3  # the head's table has the tests alone
+    assert [line.split()[:2] for line in lines if "LPIPS" in line] == [["head", "hair"]]
+    assert sum(line.startswith("turn") for line in lines) == 1
     assert "n/a" in next(line for line in lines if line.startswith("turn (train)"))
     assert "the capture holds no true strands" in " ".join(output.getvalue().split())
 

@@ -12,7 +12,16 @@ from scipy.spatial.distance import jaccard
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from torch import Tensor
 
-from dynhair.evaluation.metrics import PSNR_CEILING, psnr, silhouette, silhouette_iou, ssim
+from dynhair.evaluation.metrics import (
+    PSNR_CEILING,
+    decibels,
+    label_error,
+    psnr,
+    silhouette,
+    silhouette_iou,
+    squared_error,
+    ssim,
+)
 
 
 def pair_of_images(seed: int, views: int = 2) -> tuple[Tensor, Tensor]:
@@ -52,10 +61,25 @@ def test_psnr_of_a_region_sees_its_pixels_alone() -> None:
     np.testing.assert_allclose(psnr(images, truth, region), expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize(("error", "decibels"), [(0.1, 20.0), (0.01, 40.0), (1.0, 0.0)])
-def test_psnr_of_a_uniform_error(error: float, decibels: float) -> None:
+@pytest.mark.parametrize(("error", "expected"), [(0.1, 20.0), (0.01, 40.0), (1.0, 0.0)])
+def test_psnr_of_a_uniform_error(error: float, expected: float) -> None:
     truth = torch.zeros(1, 12, 12, 3, dtype=torch.float64)
-    assert psnr(truth + error, truth).item() == pytest.approx(decibels)
+    assert psnr(truth + error, truth).item() == pytest.approx(expected)
+
+
+def test_psnr_is_decibels_of_the_squared_error() -> None:
+    images, truth = pair_of_images(9)
+    np.testing.assert_allclose(squared_error(images, truth), ((images - truth) ** 2).mean(-1), rtol=1e-12)
+    assert torch.equal(decibels(squared_error(images, truth), regions(2)), psnr(images, truth, regions(2)))
+
+
+def test_label_error_is_a_mean_absolute_error() -> None:
+    generator = np.random.default_rng(0)
+    first, second = generator.random((2, 2, 31, 37))
+    region = regions(2)
+    expected = [np.abs(a[r] - b[r]).mean() for a, b, r in zip(first, second, region.numpy(), strict=True)]
+    found = label_error(torch.from_numpy(first), torch.from_numpy(second), region)
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 def test_identical_images_score_the_ceiling_and_full_similarity() -> None:
@@ -102,7 +126,12 @@ def test_an_empty_region_is_not_measured() -> None:
     images, truth = pair_of_images(7)
     region = regions(8)
     region[1] = False
-    for values in (psnr(images, truth, region), ssim(images, truth, region), silhouette_iou(region, region)):
+    for values in (
+        psnr(images, truth, region),
+        ssim(images, truth, region),
+        silhouette_iou(region, region),
+        label_error(images[..., 0], truth[..., 0], region),
+    ):
         assert values.isnan().tolist() == [False, True]
 
 

@@ -22,11 +22,21 @@ from stand_ins import (
 
 from dynhair.capture import GroundTruth, HeadTrack, Segment
 from dynhair.errors import DynhairError
-from dynhair.evaluation.figures import DEFINITIONS, HAIR_FIGURES, MOTION
+from dynhair.evaluation.figures import (
+    BOUNDARY_FIGURES,
+    DEFINITIONS,
+    FACE_FIGURES,
+    HAIR_FIGURES,
+    LPIPS_FIGURES,
+    MOTION,
+    TORSO_FIGURES,
+)
 from dynhair.evaluation.metrics import ssim
+from dynhair.evaluation.perception import Perception
 from dynhair.evaluation.protocol import EvaluatedFrame, evaluate_avatar, evaluated_indices
 from dynhair.evaluation.truth import FRAMES_AHEAD
 
+WITHOUT_LANDMARKS_OR_MESH = {*FACE_FIGURES, *TORSO_FIGURES}
 TEST_FRAMES = [(segment, index) for segment in SEGMENTS if segment.split == "test" for index in range(segment.count)]
 
 
@@ -44,7 +54,7 @@ def iou(first: np.ndarray, second: np.ndarray) -> float:
 def test_overall_figures_are_means_over_the_images_of_all_test_segments(rigid: bool) -> None:
     capture = StandInCapture()
     evaluation = evaluate_avatar(StandInAvatar(), capture)
-    naive: dict[str, list[float]] = {name: [] for name in DEFINITIONS if name != MOTION}
+    naive: dict[str, list[float]] = {name: [] for name in (*HAIR_FIGURES, "psnr", "ssim")}
     last: dict[tuple[str, int], tuple[np.ndarray, np.ndarray]] = {}
     for segment, index in TEST_FRAMES:
         images = rendered(capture, segment, index, rigid=rigid)
@@ -69,7 +79,7 @@ def test_overall_figures_are_means_over_the_images_of_all_test_segments(rigid: b
         assert figures.values[name] == pytest.approx(np.mean(values), rel=1e-5), name
         assert figures.samples[name] == len(values), name
     assert (figures.frames, figures.images) == (7, 14)
-    assert not figures.reasons
+    assert set(figures.reasons) == {*WITHOUT_LANDMARKS_OR_MESH, "boundary_label_error"}
 
 
 @pytest.mark.parametrize("share", [1.0, 0.5, -0.25])
@@ -130,14 +140,32 @@ def test_truth_is_decoded_only_a_few_frames_ahead() -> None:
 
 def test_without_hair_masks_the_full_image_is_still_measured() -> None:
     figures = evaluate_avatar(StandInAvatar(), StandInCapture(hair=False)).avatar
-    assert {name for name, value in figures.values.items() if value is None} == set(HAIR_FIGURES)
-    assert figures.reasons == dict.fromkeys(HAIR_FIGURES, "the capture has no hair masks")
+    needy = {*HAIR_FIGURES, *BOUNDARY_FIGURES, "face_psnr", "face_ssim", *TORSO_FIGURES}
+    assert {name for name, value in figures.values.items() if value is None} == {*needy, "face_lpips"}
+    assert {figures.reasons[name] for name in needy} == {"the capture has no hair masks"}
+
+
+def test_a_capture_without_landmarks_or_mesh_says_so() -> None:
+    figures = evaluate_avatar(StandInAvatar(), StandInCapture()).avatar
+    assert all(figures.values[name] is None for name in WITHOUT_LANDMARKS_OR_MESH)
+    assert {figures.reasons[name] for name in FACE_FIGURES} == {"no 3-D landmarks: the file is missing"}
+    assert {figures.reasons[name] for name in TORSO_FIGURES} == {
+        "no tracked torso: the capture has no mesh that tells head and body apart"
+    }
+    assert figures.reasons["boundary_label_error"] == "the avatar does not tell head and body from the background"
+
+
+def test_without_a_network_its_figures_say_why() -> None:
+    evaluation = evaluate_avatar(StandInAvatar(), StandInCapture(), perception=Perception(None, "no connection"))
+    assert all(evaluation.avatar.values[name] is None for name in LPIPS_FIGURES)
+    assert all(part.rigid.reasons["lpips"] == "no connection" for part in evaluation.segments)
+    assert evaluation.protocol["networks"] == "none: no connection"
 
 
 def test_without_true_strands_hair_motion_is_not_measured() -> None:
     evaluation = evaluate_avatar(StandInAvatar(), StandInCapture(strands=False))
     assert evaluation.avatar.values[MOTION] is None
-    assert evaluation.avatar.reasons == {MOTION: "the capture holds no true strands"}
+    assert evaluation.avatar.reasons[MOTION] == "the capture holds no true strands"
     assert evaluation.protocol["true_strands"] == "none"
 
 
@@ -157,9 +185,9 @@ def test_json_explains_itself() -> None:
         (segment.name, segment.split) for segment in SEGMENTS
     ]
     assert written["rigid"]["segments"]["stop"]["psnr"] < written["segments"]["stop"]["psnr"]
-    assert written["protocol"]["views"] == "all 2, 26x22 pixels: side, front"
+    assert written["protocol"]["views"] == "all 2, 36x32 pixels: side, front"
     assert written["protocol"]["true_strands"].startswith("5 of 4 points")
-    assert written["protocol"]["networks"] == "none"
+    assert written["protocol"]["networks"] == "random weights"
 
 
 @pytest.mark.parametrize("of", ["images", "strands"])

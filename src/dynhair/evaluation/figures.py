@@ -11,13 +11,23 @@ from typing import Any
 from jaxtyping import Float
 from torch import Tensor
 
+from dynhair.evaluation.edge_motion import EDGE, SMOOTHING, WINDOW
 from dynhair.evaluation.hair_motion import NEAREST_POINTS, motion_explained
 from dynhair.evaluation.metrics import PSNR_CEILING, SILHOUETTE_THRESHOLD
+from dynhair.evaluation.perception import LEAST_FACE, PERCEPTION_STRIDE
+from dynhair.evaluation.regions import BAND
+from dynhair.evaluation.torso import BODY_FOLLOW, FAINT_HAIR, HAIR_MARGIN, LEAST_EDGES
 
 MOTION = "hair_motion_explained"
 TEMPORAL_FIGURES = ("hair_tiou", "hair_tiou_truth")
 HAIR_FIGURES = ("hair_psnr", "hair_ssim", "hair_iou", *TEMPORAL_FIGURES)
-"""The figures that need hair masks."""
+"""The figures of hair that need hair masks."""
+
+LPIPS_FIGURES = ("lpips", "face_lpips")
+FACE_FIGURES = ("face_psnr", "face_ssim", "face_lpips")
+BOUNDARY_FIGURES = ("boundary_psnr", "boundary_label_error")
+TORSO_MOTION, TORSO_MOTION_TRUTH = "torso_motion", "torso_motion_truth"
+TORSO_FIGURES = (TORSO_MOTION, TORSO_MOTION_TRUTH)
 
 DEFINITIONS: Mapping[str, str] = {
     "psnr": "dB, -10 log10(MSE) over all pixels and channels of the sRGB image in [0, 1], "
@@ -35,8 +45,39 @@ DEFINITIONS: Mapping[str, str] = {
     MOTION: "1 - mean |d - g| / mean |g| over frames and points of the true strands, in the head's frame: g is a "
     f"point's displacement from rest, d the avatar's, blended by inverse distance from its {NEAREST_POINTS} "
     "strand points nearest to that point at rest; 1 is the true motion, 0 a rigid hairstyle",
+    "lpips": "learned perceptual distance of whole images in [0, 1] (LPIPS 0.1, AlexNet), lower is better; mean over "
+    f"the images of one evaluated frame in {PERCEPTION_STRIDE}, from a segment's first",
+    "face_psnr": "psnr over the face: pixels whose centre is in the convex hull of the frame's projected 3-D "
+    "landmarks (66 of iBUG, brows to chin), in views from before the face, less the truth's hair silhouette; mean over "
+    "the images that have any",
+    "face_ssim": "the ssim map of the whole image averaged over the pixels of face_psnr; mean over the images that "
+    "have any",
+    "face_lpips": "lpips of the least square crop round the landmarks' hull, hair in it included, moved to lie in the "
+    f"image; enlarged to {LEAST_FACE} pixels (bicubic) where it is smaller; the same crop of avatar and truth; mean "
+    "over the images, among those of lpips, that show a face",
+    "boundary_psnr": f"psnr over the pixels within {BAND:.2%} of the image's longer side of the edge of the truth's "
+    "hair silhouette, on both sides, one pixel at least; mean over the images that have any",
+    "boundary_label_error": "mean of |h - h*| and |b - b*|, each over the pixels of boundary_psnr: h and b are the "
+    "avatar's visible coverage of hair and of head and body, h* the truth's hair mask and b* what else its mask "
+    "covers, (mask - h*)+; mean over images",
+    TORSO_MOTION: "pixels by which the avatar's torso has moved in its images since the segment's first frame: mean "
+    "displacement across the edges of its own first image, mean over the images of later frames. Torso: the tracked "
+    f"mesh's faces that follow the head by less than {BODY_FOLLOW:g}, projected in the first frame, less the hull of "
+    f"the rest of the mesh in both frames, less pixels within {HAIR_MARGIN} of hair (coverage above {FAINT_HAIR:g}) in "
+    f"the avatar's or the truth's images of both frames. Edges: luma, smoothed by a Gaussian of {SMOOTHING:g} pixel, "
+    f"changes by more than {EDGE:g} a pixel; at least {LEAST_EDGES} in a view. Displacement: Lucas-Kanade with a "
+    f"change of brightness, Gaussian window of {WINDOW:g} pixels",
+    TORSO_MOTION_TRUTH: "the same of the truth's images over the same pixels: where the torso rests, what noise and "
+    "shadows make of it",
 }
 """What each figure means, in the order of reports."""
+
+_NOT_SEEN = {
+    FACE_FIGURES: "no evaluated image shows the face",
+    BOUNDARY_FIGURES: "no evaluated image shows an edge of hair",
+    TORSO_FIGURES: "no evaluated image shows edges of the torso in two frames",
+}
+"""Why figures have no samples where all that they need is there."""
 
 
 @dataclass(frozen=True)
@@ -134,4 +175,4 @@ class FigureSums:
     def _default_reason(self, name: str) -> str:
         if self._samples[name]:
             return "the truth's hair stands still in these frames"
-        return "no evaluated image shows hair"
+        return next((reason for names, reason in _NOT_SEEN.items() if name in names), "no evaluated image shows hair")

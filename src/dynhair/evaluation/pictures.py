@@ -21,8 +21,12 @@ ERROR_COLOURS = np.array([[0, 0, 4], [87, 16, 110], [188, 55, 84], [249, 142, 9]
 
 def picture(image: Float[Tensor, "h w 3"]) -> Picture:
     """Round an image in [0, 1] to 8 bits, and show a small one at twice its size."""
-    values = (image.clamp(0.0, 1.0) * 255.0).round().byte().cpu().numpy()
-    return _enlarged(values)
+    return _enlarged(_rounded(image))
+
+
+def enlarged_picture(image: Float[Tensor, "h w 3"], side: int) -> Picture:
+    """Round an image in [0, 1] to 8 bits, and scale it to a square."""
+    return np.asarray(Image.fromarray(_rounded(image)).resize((side, side), Image.Resampling.LANCZOS))
 
 
 def error_picture(image: Float[Tensor, "h w 3"], truth: Float[Tensor, "h w 3"]) -> Picture:
@@ -32,6 +36,10 @@ def error_picture(image: Float[Tensor, "h w 3"], truth: Float[Tensor, "h w 3"]) 
     stops = np.arange(len(ERROR_COLOURS))
     colours = np.stack([np.interp(place, stops, channel) for channel in ERROR_COLOURS.T], axis=-1)
     return _enlarged(colours.round().astype(np.uint8))
+
+
+def _rounded(image: Float[Tensor, "h w 3"]) -> Picture:
+    return (image.clamp(0.0, 1.0) * 255.0).round().byte().cpu().numpy()
 
 
 def _enlarged(values: Picture) -> Picture:

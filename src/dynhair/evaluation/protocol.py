@@ -12,17 +12,19 @@ from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor
 
 from dynhair.camera import Camera
 from dynhair.capture import Capture, HeadTrack, Segment
 from dynhair.errors import DynhairError
-from dynhair.evaluation.figures import DEFINITIONS, HAIR_FIGURES, MOTION, TEMPORAL_FIGURES, Figures, FigureSums
+from dynhair.evaluation.figures import DEFINITIONS, Figures, FigureSums
 from dynhair.evaluation.hair_motion import HairMotion, to_head_frame
-from dynhair.evaluation.metrics import mean_similarity, psnr, silhouette, silhouette_iou
-from dynhair.evaluation.truth import TrueFrame, true_frames, true_strands
-from dynhair.losses import ssim_map
+from dynhair.evaluation.head_meter import Drawn
+from dynhair.evaluation.head_truth import HeadTruths
+from dynhair.evaluation.meter import Meter
+from dynhair.evaluation.perception import Perception
+from dynhair.evaluation.truth import true_frames, true_strands
 
 TRAINING_STRIDE = 5
 """Of a training segment's frames, one in this many is evaluated."""
@@ -37,7 +39,10 @@ class DrivenHead(Protocol):
         ...
 
     def render(self, posed: Any, cameras: Sequence[Camera]) -> Any:
-        """Images from the cameras: ``rgb (v, h, w, 3)`` and the hair's coverage ``hair (v, h, w)``."""
+        """Images from the cameras: ``rgb (v, h, w, 3)`` and the hair's coverage ``hair (v, h, w)``.
+
+        The coverage of head and body, ``body (v, h, w)``, is measured where there is one.
+        """
         ...
 
 
@@ -106,7 +111,11 @@ def evaluated_indices(segment: Segment) -> range:
 
 @torch.no_grad()
 def evaluate_avatar(
-    avatar: DrivenHead, capture: Capture, *, observe: Callable[[EvaluatedFrame], None] | None = None
+    avatar: DrivenHead,
+    capture: Capture,
+    *,
+    perception: Perception | None = None,
+    observe: Callable[[EvaluatedFrame], None] | None = None,
 ) -> Evaluation:
     """Drive the avatar by each segment's track and hold it against the capture, in constant memory.
 
@@ -115,6 +124,7 @@ def evaluate_avatar(
     Args:
         avatar: what is evaluated.
         capture: the truth. Its true strands, where it has them, serve the figure of hair motion alone.
+        perception: for LPIPS; the published network when left out.
         observe: called with each frame's images once they are measured.
 
     Raises:
@@ -129,18 +139,20 @@ def evaluate_avatar(
         _require_finite(first, 0, rest)
         motion = HairMotion(_in_head(rest, track, 0), strands_at_rest[0])
 
+    perception = (perception or Perception.published()).for_images(*capture.image_size)
     overall, overall_rigid = FigureSums(), FigureSums()
     segments = []
     for segment in capture.segments:
-        sums, sums_rigid = _measure_segment(avatar, capture, segment, motion, observe)
+        sums, sums_rigid = _measure_segment(avatar, capture, segment, motion, perception, observe)
         segments.append(SegmentFigures(segment, sums.figures(), sums_rigid.figures()))
         if segment.split == "test":
             overall.merge(sums)
             overall_rigid.merge(sums_rigid)
+    protocol = _protocol(capture, motion, perception)
     if not overall.frames:
         nothing = Figures.unmeasured("the capture has no test segment")
-        return Evaluation(nothing, nothing, tuple(segments), _protocol(capture, motion))
-    return Evaluation(overall.figures(), overall_rigid.figures(), tuple(segments), _protocol(capture, motion))
+        return Evaluation(nothing, nothing, tuple(segments), protocol)
+    return Evaluation(overall.figures(), overall_rigid.figures(), tuple(segments), protocol)
 
 
 def _measure_segment(
@@ -148,6 +160,7 @@ def _measure_segment(
     capture: Capture,
     segment: Segment,
     motion: HairMotion | None,
+    perception: Perception,
     observe: Callable[[EvaluatedFrame], None] | None,
 ) -> tuple[FigureSums, FigureSums]:
     """Sum up one segment: the avatar, and the avatar with its hair held rigid."""
@@ -159,63 +172,23 @@ def _measure_segment(
             path=capture.path,
             expected=f"the {motion.true_strands} of {motion.true_points} points that the first segment has",
         )
-    meters = (_Meter(segment, motion, strands), _Meter(segment, motion, strands))
+    heads = HeadTruths(capture, segment, perception)
+    meters = (Meter(segment, heads, motion, strands), Meter(segment, heads, motion, strands))
     for truth in true_frames(capture, segment, evaluated_indices(segment)):
         cameras = [capture.camera(segment.frames[truth.index], name) for name in capture.camera_names]
+        head = heads.frame(truth, cameras)
         images = []
         for meter, rigid_hair in zip(meters, (False, True), strict=True):
             posed = avatar.pose(track, truth.index, rigid_hair=rigid_hair)
             rendered = avatar.render(posed, [camera.to(posed.strands.device) for camera in cameras])
+            body = getattr(rendered, "body", None)
             _require_finite(segment, truth.index, posed.strands, rendered.rgb, rendered.hair)
-            images.append(rendered.rgb.cpu().clamp(0.0, 1.0))
-            hair, strands_in_head = silhouette(rendered.hair.cpu()), _in_head(posed.strands, track, truth.index)
-            meter.add(truth, images[-1], hair, strands_in_head)
+            drawn = Drawn(rendered.rgb.cpu().clamp(0.0, 1.0), rendered.hair.cpu(), None if body is None else body.cpu())
+            images.append(drawn.rgb)
+            meter.add(truth, head, drawn, _in_head(posed.strands, track, truth.index))
         if observe is not None:
             observe(EvaluatedFrame(segment, truth.index, truth.rgb, *images))
     return meters[0].sums, meters[1].sums
-
-
-class _Meter:
-    """Measures one segment's frames in order, remembering the silhouettes of the last."""
-
-    def __init__(
-        self, segment: Segment, motion: HairMotion | None, true_strands: Float[Tensor, "f m p 3"] | None
-    ) -> None:
-        self.sums = FigureSums()
-        self._motion = motion
-        self._true_strands = true_strands
-        self._last: tuple[int, Bool[Tensor, "v h w"], Bool[Tensor, "v h w"]] | None = None
-        if segment.split == "train":
-            self.sums.explain("only every few frames of a training segment are evaluated", *TEMPORAL_FIGURES)
-        if true_strands is None:
-            self.sums.explain("the capture holds no true strands", MOTION)
-
-    def add(
-        self,
-        truth: TrueFrame,
-        rgb: Float[Tensor, "v h w 3"],
-        hair: Bool[Tensor, "v h w"],
-        strands: Float[Tensor, "n l 3"],
-    ) -> None:
-        self.sums.add_frame(images=len(rgb))
-        self.sums.add("psnr", psnr(rgb, truth.rgb))
-        similarity = ssim_map(rgb, truth.rgb)
-        self.sums.add("ssim", mean_similarity(similarity))
-        if truth.hair is None:
-            self.sums.explain("the capture has no hair masks", *HAIR_FIGURES)
-        else:
-            self.sums.add("hair_psnr", psnr(rgb, truth.rgb, truth.hair))
-            self.sums.add("hair_ssim", mean_similarity(similarity, truth.hair))
-            self.sums.add("hair_iou", silhouette_iou(hair, truth.hair))
-            self._add_consecutive(truth.index, hair, truth.hair)
-        if self._motion is not None and self._true_strands is not None:
-            self.sums.add_motion(*self._motion.errors(strands, self._true_strands[truth.index]))
-
-    def _add_consecutive(self, index: int, hair: Bool[Tensor, "v h w"], truth: Bool[Tensor, "v h w"]) -> None:
-        if self._last is not None and self._last[0] == index - 1:
-            self.sums.add("hair_tiou", silhouette_iou(self._last[1], hair))
-            self.sums.add("hair_tiou_truth", silhouette_iou(self._last[2], truth))
-        self._last = index, hair, truth
 
 
 def _in_head(strands: Float[Tensor, "n l 3"], track: HeadTrack, index: int) -> Float[Tensor, "n l 3"]:
@@ -231,7 +204,7 @@ def _require_finite(segment: Segment, index: int, *tensors: Tensor) -> None:
         )
 
 
-def _protocol(capture: Capture, motion: HairMotion | None) -> dict[str, str]:
+def _protocol(capture: Capture, motion: HairMotion | None, perception: Perception) -> dict[str, str]:
     width, height = capture.image_size
     return {
         "capture": capture.name,
@@ -244,5 +217,5 @@ def _protocol(capture: Capture, motion: HairMotion | None) -> dict[str, str]:
         "true_strands": "none"
         if motion is None
         else f"{motion.true_strands} of {motion.true_points} points from the capture, at rest in its first frame",
-        "networks": "none",
+        "networks": perception.description if perception.distance is not None else f"none: {perception.description}",
     }

@@ -8,10 +8,10 @@ from pathlib import Path
 from types import TracebackType
 
 import numpy as np
-import torch
 from PIL import Image
 
-from dynhair.capture import Capture
+from dynhair.capture import Capture, Segment
+from dynhair.evaluation.face import frontality
 from dynhair.evaluation.pictures import error_picture, picture
 from dynhair.evaluation.protocol import EvaluatedFrame
 from dynhair.evaluation.video import video_writer
@@ -23,13 +23,10 @@ SHEET_WIDTH = 1920
 """Pixels; a contact sheet is scaled down to it."""
 
 
-def most_frontal_view(capture: Capture) -> int:
-    """Index of the camera that looks the face most squarely in the eyes (head frame's +z) in the first frame."""
-    first = capture.segments[0]
-    track = capture.track(first)
-    centres = torch.stack([capture.camera(first.start, name).centre for name in capture.camera_names])
-    local = (centres.double().numpy() - track.translations[0]) @ track.rotations[0]
-    return int(np.argmax(local[:, 2] / np.linalg.norm(local, axis=1)))
+def most_frontal_view(capture: Capture, segment: Segment, index: int) -> int:
+    """Index of the camera that looks the face most squarely in the eyes (head frame's +z) in one frame."""
+    cameras = [capture.camera(segment.frames[index], name) for name in capture.camera_names]
+    return int(np.argmax(frontality(capture, segment, index, cameras)))
 
 
 class Recorder:
@@ -47,7 +44,7 @@ class Recorder:
         self.written: list[Path] = []
         self._out = out
         self._fps = capture.fps
-        self._view = most_frontal_view(capture)
+        self._view = most_frontal_view(capture, capture.segments[0], 0)
         self._video = ExitStack()
         self._append: Callable[[Picture], None] | None = None
         self._columns: list[tuple[str, list[Picture]]] = []

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
 from dynhair.evaluation.figures import Figures
 from dynhair.evaluation.hairstyle import HairstyleEvaluation, HairstyleScores
-from dynhair.evaluation.protocol import Evaluation
+from dynhair.evaluation.protocol import Evaluation, SegmentFigures
 
 COLUMNS = {
     "psnr": ("PSNR", 2),
@@ -20,22 +22,30 @@ COLUMNS = {
     "hair_tiou_truth": ("truth\ntIoU", 3),
     "hair_motion_explained": ("motion\nexpl.", 3),
 }
+HEAD_COLUMNS = {
+    "lpips": ("LPIPS", 3),
+    "face_psnr": ("face\nPSNR", 2),
+    "face_ssim": ("face\nSSIM", 3),
+    "face_lpips": ("face\nLPIPS", 3),
+    "boundary_psnr": ("hair edge\nPSNR", 2),
+    "boundary_label_error": ("hair edge\nlabels", 3),
+    "torso_motion": ("torso\nmotion", 2),
+    "torso_motion_truth": ("truth\ntorso", 2),
+}
 """Headings and decimals."""
 
 ALL_TEST_SEGMENTS = "all test"
 
 
 def evaluation_table(evaluation: Evaluation) -> Group:
-    """Tabulate all segments, the rigid hair beneath the moving one, and say why figures are missing."""
-    table = Table(box=None, pad_edge=False, collapse_padding=True, header_style="bold")
-    table.add_column("segment", no_wrap=True)
-    table.add_column("hair", no_wrap=True)
-    for heading, _ in COLUMNS.values():
-        table.add_column(heading, justify="right", no_wrap=True)
-    for part in evaluation.segments:
-        _add_rows(table, f"{part.segment.name} ({part.segment.split})", part.avatar, part.rigid)
-    _add_rows(table, ALL_TEST_SEGMENTS, evaluation.avatar, evaluation.rigid, style="bold")
-    return Group(table, *_notes(evaluation))
+    """Tabulate all segments, and the head in those of the test, and say why figures are missing.
+
+    The rigid hair is beneath the moving one.
+    """
+    tests = [part for part in evaluation.segments if part.segment.split == "test"]
+    whole = _table("segment", COLUMNS, evaluation.segments, evaluation)
+    head = _table("head", HEAD_COLUMNS, tests, evaluation)
+    return Group(whole, "", head, *_notes(evaluation))
 
 
 def hairstyle_table(evaluation: HairstyleEvaluation) -> Group:
@@ -75,10 +85,24 @@ def format_figure(value: float | None, decimals: int) -> str:
     return "n/a" if value is None else f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
-def _add_rows(table: Table, label: str, avatar: Figures, rigid: Figures, style: str = "") -> None:
-    for name, hair, figures in ((label, "moving", avatar), ("", "rigid", rigid)):
-        cells = [format_figure(figures.values[key], decimals) for key, (_, decimals) in COLUMNS.items()]
-        table.add_row(name, hair, *cells, style=style if figures is avatar else "dim")
+def _table(
+    title: str, columns: Mapping[str, tuple[str, int]], parts: Sequence[SegmentFigures], evaluation: Evaluation
+) -> Table:
+    table = Table(box=None, pad_edge=False, collapse_padding=True, header_style="bold")
+    table.add_column(title, no_wrap=True)
+    table.add_column("hair", no_wrap=True)
+    for heading, _ in columns.values():
+        table.add_column(heading, justify="right", no_wrap=True)
+
+    def add_rows(label: str, avatar: Figures, rigid: Figures, style: str = "") -> None:
+        for name, hair, figures in ((label, "moving", avatar), ("", "rigid", rigid)):
+            cells = [format_figure(figures.values[key], decimals) for key, (_, decimals) in columns.items()]
+            table.add_row(name, hair, *cells, style=style if figures is avatar else "dim")
+
+    for part in parts:
+        add_rows(f"{part.segment.name} ({part.segment.split})", part.avatar, part.rigid)
+    add_rows(ALL_TEST_SEGMENTS, evaluation.avatar, evaluation.rigid, style="bold")
+    return table
 
 
 def _notes(evaluation: Evaluation) -> list[Text]:

@@ -17,6 +17,7 @@ from dynhair import __version__
 from dynhair.avatar import Avatar
 from dynhair.capture import Capture
 from dynhair.errors import DynhairError
+from dynhair.evaluation.expressions import ExpressionSheet
 from dynhair.evaluation.hairstyle import HairstyleEvaluation, evaluate_hairstyles
 from dynhair.evaluation.pictures import picture
 from dynhair.evaluation.protocol import DrivenHead, EvaluatedFrame, Evaluation, evaluate_avatar, evaluated_indices
@@ -58,7 +59,8 @@ def run_evaluation(
     Args:
         path: the avatar's folder, or the run's.
         capture_path: the capture's folder.
-        out: folder for ``metrics.json`` and, of an avatar, ``test_<segment>.mp4`` and ``contact_sheet.png``.
+        out: folder for ``metrics.json`` and, of an avatar, ``test_<segment>.mp4``, ``contact_sheet.png`` and, where
+            expressions vary, ``expressions.png``.
         device: where the avatar is posed and rendered.
         console: where progress and tables go; standard output when left out.
 
@@ -112,14 +114,17 @@ def _evaluate_motion(
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     bars = Progress(*columns, console=console, transient=True)
     with large_pieces(), bars as progress, Recorder(capture, out) as recorder:
+        expressions = ExpressionSheet(capture)
         task = progress.add_task("evaluating", total=total)
 
         def observe(frame: EvaluatedFrame) -> None:
             recorder(frame)
+            expressions(frame)
             progress.update(task, advance=1, description=f"evaluating {frame.segment.name}")
 
         evaluation = evaluate_avatar(avatar, capture, observe=observe)
-    return evaluation, recorder.written
+    sheet = expressions.write(out)
+    return evaluation, [*recorder.written, *([] if sheet is None else [sheet])]
 
 
 @torch.no_grad()

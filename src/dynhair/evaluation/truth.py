@@ -28,11 +28,15 @@ class TrueFrame:
         index: the frame's place in its segment.
         rgb: images in [0, 1].
         hair: the hair's silhouettes; None where the capture has no hair masks.
+        hair_coverage: the hair masks themselves, in [0, 1]; None with ``hair``.
+        body_coverage: of what else there is of the person, in [0, 1]; None with ``hair``.
     """
 
     index: int
     rgb: Float[Tensor, "v h w 3"]
     hair: Bool[Tensor, "v h w"] | None
+    hair_coverage: Float[Tensor, "v h w"] | None
+    body_coverage: Float[Tensor, "v h w"] | None
 
 
 def true_frames(capture: Capture, segment: Segment, indices: Sequence[int]) -> Iterator[TrueFrame]:
@@ -79,6 +83,10 @@ def true_hairstyle(capture: Capture, frame: int) -> Float[Tensor, "m p 3"] | Non
 def _decode(capture: Capture, segment: Segment, index: int) -> TrueFrame:
     frame = segment.frames[index]
     views: list[View] = capture.views([(frame, name) for name in capture.camera_names])
+    rgb = torch.stack([view.rgb for view in views])
     masks = [view.hair for view in views if view.hair is not None]
-    hair = silhouette(torch.stack(masks)) if len(masks) == len(views) else None
-    return TrueFrame(index, torch.stack([view.rgb for view in views]), hair)
+    if len(masks) < len(views):
+        return TrueFrame(index, rgb, None, None, None)
+    hair = torch.stack(masks)
+    body = (torch.stack([view.mask for view in views]) - hair).clamp_min(0.0)
+    return TrueFrame(index, rgb, silhouette(hair), hair, body)
