@@ -67,14 +67,15 @@ def test_points_move_with_the_mesh() -> None:
 
 
 def test_the_head_starts_where_the_tracking_has_it_and_follows_it(capture: Capture) -> None:
-    head, points = start_head(capture, CONFIG, 0)
+    started = start_head(capture, CONFIG, 0)
+    head, points = started.head, started.points
     segments = training_segments(capture)
     surface, count = tracked_surface(capture), len(points.face)
     target = head_frame(capture.track(segments[0]), 0)(tracked_positions(surface, segments[0], 0, points))
-    assert (head.means.detach()[:count] - target).norm(dim=1).max() < 1e-5
+    assert (head.means.detach()[-count:] - target).norm(dim=1).max() < 1e-5
     for segment in segments:
         for index in range(segment.count):
-            moved = head.world_means(head_pose(capture.track(segment), index))[:count]
+            moved = head.world_means(head_pose(capture.track(segment), index))[-count:]
             error = (moved - tracked_positions(surface, segment, index, points)).norm(dim=1)
             assert error.square().mean().sqrt() < 1e-3
 
@@ -102,7 +103,7 @@ def test_modes_close_what_opens(capture: Capture, monkeypatch: pytest.MonkeyPatc
     means = head_frame(capture.track(segments[0]), 0)(points.positions(rest))
     monkeypatch.setattr("dynhair.training.head_start.tracked_positions", raised)
     pose = head_pose(capture.track(segments[0]), 0)
-    modes = tracked_modes(surface, capture, points, means, rows, torch.ones(30), pose)
+    modes = tracked_modes(surface, capture, points, rows, means, torch.ones(30), pose)
     with torch.no_grad():
         for segment in segments:
             for index in range(segment.count):
@@ -113,12 +114,13 @@ def test_modes_close_what_opens(capture: Capture, monkeypatch: pytest.MonkeyPatc
 
 def test_a_capture_without_a_mesh_starts_on_the_registered_head(tmp_path: Path) -> None:
     capture = Capture.open(write_meshless_capture(tmp_path / "c"))
-    head, points = start_head(capture, CONFIG, 0)
+    started = start_head(capture, CONFIG, 0)
+    head, points = started.head, started.points
     assert points.triangle.max() > 5000  # of the open head
     segments = training_segments(capture)
     target = tracked_positions(tracked_surface(capture), segments[0], 0, points)
     expected = head_frame(capture.track(segments[0]), 0)(target)
-    torch.testing.assert_close(head.means.detach()[: len(expected)], expected)
+    torch.testing.assert_close(head.means.detach()[-len(expected) :], expected)
 
 
 def test_mouth_points_fill_the_box_behind_the_lips() -> None:
@@ -144,12 +146,13 @@ def test_a_mouth_before_all_skin_gets_no_points() -> None:
 
 
 def test_the_torso_starts_at_rest_without_being_fitted(capture: Capture) -> None:
-    head, points = start_head(capture, CONFIG, 0)
+    started = start_head(capture, CONFIG, 0)
+    head, points = started.head, started.points
     segment = training_segments(capture)[0]
     surface, track = tracked_surface(capture), capture.track(segment)
     body = points.interpolate(surface.follow) < 0.01
     assert body.any()
     for index in range(segment.count):
-        moved = head.world_means(head_pose(track, index))[: len(points.face)]
+        moved = head.world_means(head_pose(track, index))[-len(points.face) :]
         error = (moved - tracked_positions(surface, segment, index, points)).norm(dim=1)
         assert error[body].max() < 1e-3

@@ -58,19 +58,31 @@ class Branches(nn.Module):
             expression: coefficients.
             pose_code: the encoded pose.
         """
-        total = None
-        for network, condition, share in (
-            (self.on_expression, expression, weight),
-            (self.on_pose, pose_code, 1 - weight),
-        ):
-            rows = torch.nonzero(share).squeeze(1)
-            value = network(points.index_select(0, rows), condition)
-            value = share[rows, None] * (value.tanh() if self.bounded else value)
-            if total is None:
-                total = points.new_zeros(len(points), value.shape[-1])
-            total = total.index_add(0, rows, value)
-        assert total is not None
-        return total
+        said = [
+            _blended(network, points, condition, share, self.bounded)
+            for network, condition, share in (
+                (self.on_expression, expression, weight),
+                (self.on_pose, pose_code, 1 - weight),
+            )
+        ]
+        return said[0] + said[1]
+
+
+def _blended(network: PointMLP, points: Tensor, condition: Tensor, share: Tensor, bounded: bool) -> Tensor:
+    """What a network says, times its share; nought where that is nought, unasked.
+
+    Points whose share is not nought may lie in one piece (the head sorts its Gaussians so): a piece need not be
+    gathered, nor its gradients scattered, which took a fifth of the head's time.
+    """
+    rows = torch.nonzero(share).squeeze(1)
+    first, count = (int(rows[0]), len(rows)) if len(rows) else (0, 0)
+    if not count or int(rows[-1]) - first + 1 == count:
+        value = network(points.narrow(0, first, count), condition)
+        value = share.narrow(0, first, count)[:, None] * (value.tanh() if bounded else value)
+        return nn.functional.pad(value, (0, 0, first, len(points) - first - count))
+    value = network(points.index_select(0, rows), condition)
+    value = share[rows, None] * (value.tanh() if bounded else value)
+    return points.new_zeros(len(points), value.shape[-1]).index_add(0, rows, value)
 
 
 def expression_weight(

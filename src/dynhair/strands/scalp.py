@@ -27,6 +27,10 @@ class Roots:
     triangle: Int[Tensor, "n 3"]
     barycentric: Float[Tensor, "n 3"]
 
+    def __getitem__(self, rows: Int[Tensor, " m"]) -> Roots:
+        """Some of the roots, in the order of their indices."""
+        return Roots(self.face[rows], self.triangle[rows], self.barycentric[rows])
+
     def positions(self, vertices: Float[Tensor, "v 3"]) -> Float[Tensor, "n 3"]:
         """Place the roots on a mesh of the same topology; differentiable in its vertices."""
         return (vertices[self.triangle] * self.barycentric.to(vertices)[..., None]).sum(dim=1)

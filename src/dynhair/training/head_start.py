@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -60,11 +61,23 @@ def surface_points(vertices: Float[Tensor, "v 3"], faces: Int64[Tensor, "f 3"], 
     )
 
 
-def start_head(capture: Capture, config: HeadConfig, seed: int) -> tuple[Head, Roots]:
-    """A head whose Gaussians lie on the tracked surface in the capture's rest frame, and behind the lips.
+@dataclass(frozen=True)
+class StartedHead:
+    """A head before it has seen an image.
 
-    Returns:
-        The head, and where its first Gaussians lie on the surface; those around the mouth come after them.
+    Attributes:
+        head: its Gaussians are sorted by the expression's share in them.
+        points: where its last Gaussians lie on the tracked surface; those around the mouth come before them.
+        scalp: indices of the Gaussians on the scalp.
+    """
+
+    head: Head
+    points: Roots
+    scalp: Int64[Tensor, " s"]
+
+
+def start_head(capture: Capture, config: HeadConfig, seed: int) -> StartedHead:
+    """A head whose Gaussians lie on the tracked surface in the capture's rest frame, and behind the lips.
 
     Raises:
         DynhairError: the capture has neither a tracked mesh nor landmarks of a face.
@@ -72,30 +85,38 @@ def start_head(capture: Capture, config: HeadConfig, seed: int) -> tuple[Head, R
     surface = tracked_surface(capture)
     segment, index = rest_frame(capture)
     track = capture.track(segment)
-    to_head = head_frame(track, index)
+    pose, to_head = head_pose(track, index), head_frame(track, index)
     vertices = to_head(surface.vertices(segment.start + index))
-    points = surface_points(vertices, surface.faces, config.gaussians, seed)
-    means = points.positions(vertices)
-    pose = head_pose(track, index)
     landmarks = to_head(torch.from_numpy(capture.landmarks_3d(segment.start + index)))
-    mouth = mouth_points(landmarks, means, config.mouth_gaussians, seed)
-    every = torch.cat([means, mouth])
-    normals = torch.cat([points.normals(vertices), mouth.new_tensor([0.0, 0.0, 1.0]).expand_as(mouth)])
-    follow = points.interpolate(surface.follow) if config.follow_weights else torch.ones(len(means))
-    expressive = torch.nonzero(expression_weight(means, landmarks, config.near, config.far)).squeeze(1)
+    points = surface_points(vertices, surface.faces, config.gaussians, seed)
+    share = expression_weight(points.positions(vertices), landmarks, config.near, config.far)
+    points = points[share.argsort(descending=True, stable=True)]
+    on_skin = points.positions(vertices)
+    mouth = mouth_points(landmarks, on_skin, config.mouth_gaussians, seed)
+
+    means = torch.cat([mouth, on_skin])
+    normals = torch.cat([mouth.new_tensor([0.0, 0.0, 1.0]).expand_as(mouth), points.normals(vertices)])
+    follow = torch.ones(len(means))
+    if config.follow_weights:
+        follow[len(mouth) :] = points.interpolate(surface.follow)
+    opacities = torch.full((len(means),), OPAQUE)
+    opacities[: len(mouth)] = TRANSLUCENT
+    expressive = len(mouth) + torch.arange(int((share > 0).sum()))
     views = rest_views(capture, segment.start + index, pose)
-    depth = body_depths(surface_gaussians(vertices, surface.faces), views.cameras)
     start = HeadStart(
-        means=every,
+        means=means,
         normals=normals,
-        spacing=mean_spacing(every),
-        colours=seen_colours(every, normals, views, depth),
-        opacities=torch.cat([means.new_full((len(means),), OPAQUE), mouth.new_full((len(mouth),), TRANSLUCENT)]),
-        follow=torch.cat([follow, mouth.new_ones(len(mouth))]),
-        modes=tracked_modes(surface, capture, points, means, expressive, follow, pose),
+        spacing=mean_spacing(means),
+        colours=seen_colours(
+            means, normals, views, body_depths(surface_gaussians(vertices, surface.faces), views.cameras)
+        ),
+        opacities=opacities,
+        follow=follow,
+        modes=tracked_modes(surface, capture, points[expressive - len(mouth)], expressive, means, follow, pose),
     )
     torch.manual_seed(seed)
-    return Head(start, landmarks, pose, config), points
+    scalp = len(mouth) + torch.nonzero(torch.isin(points.face, surface.scalp)).squeeze(1)
+    return StartedHead(Head(start, landmarks, pose, config), points, scalp)
 
 
 def mouth_points(
@@ -131,8 +152,8 @@ def tracked_modes(
     surface: TrackedSurface,
     capture: Capture,
     points: Roots,
-    means: Float[Tensor, "k 3"],
     rows: Int64[Tensor, " m"],
+    means: Float[Tensor, "k 3"],
     follow: Float[Tensor, " k"],
     rest: HeadPose,
 ) -> ExpressionModes:
@@ -142,20 +163,19 @@ def tracked_modes(
         surface: that moves.
         capture: gives poses and expressions.
         points: places on the surface.
-        means: the same in the rest frame, head frame, metres.
-        rows: the points whose modes are wanted.
-        follow: how far each point follows the head.
+        rows: their indices among the head's Gaussians.
+        means: of the Gaussians in the rest frame, head frame, metres.
+        follow: how far each Gaussian follows the head.
         rest: the rest frame's pose.
     """
     frames = [(segment, index) for segment in training_segments(capture) for index in range(segment.count)]
-    chosen = Roots(points.face[rows], points.triangle[rows], points.barycentric[rows])
     skinning = Skinning(rest)
     expressions, displacements = [], []
     for segment, index in frames[:: math.ceil(len(frames) / MODE_FRAMES)]:
         pose = head_pose(capture.track(segment), index)
         with torch.no_grad():
             moved = skinning.world(means[rows], follow[rows], pose)
-        displacements.append((tracked_positions(surface, segment, index, chosen) - moved) @ pose.rotation)
+        displacements.append((tracked_positions(surface, segment, index, points) - moved) @ pose.rotation)
         expressions.append(pose.expression)
     return fitted_modes(torch.stack(expressions), rest.expression, torch.stack(displacements), rows, MODE_RIDGE)
 

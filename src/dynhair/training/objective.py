@@ -49,7 +49,7 @@ class JointObjective(nn.Module):
         avatar: the model, on the device that it is to be trained on.
         capture: gives tracks and the tracked surface.
         segments: the training segments.
-        points: where the head's first Gaussians lie on the tracked surface.
+        points: where the head's last Gaussians lie on the tracked surface.
         config: weights, iterations, seed.
     """
 
@@ -106,7 +106,7 @@ class JointObjective(nn.Module):
             ),
             "penetration": penetration_loss(points, self._mesh),
             "elastic": elastic_loss(posed.strands, rest),
-            "tracking": (posed.head.means[: len(tracked)] - tracked).square().sum(-1).mean(),
+            "tracking": (posed.head.means[-len(tracked) :] - tracked).square().sum(-1).mean(),
         }
         if images.coarse is not None:
             terms["coarse"] = l1_loss(

@@ -35,7 +35,6 @@ from dynhair.training.objective import JointObjective
 from dynhair.training.previews import preview_picture, write_preview
 from dynhair.training.run import Run, read_hair, write_hair
 from dynhair.training.static_hair import StaticStage, strand_width
-from dynhair.training.surface import tracked_surface
 
 StageName = Literal["static", "dynamic"]
 STAGES: tuple[StageName, ...] = ("static", "dynamic")
@@ -136,7 +135,8 @@ class _Training:
     def _start(self, strands: Tensor) -> tuple[Avatar, Roots, Checkpoint | None]:
         """The avatar before the joint training, or as the checkpoint left it."""
         seed = self.config.training.seed
-        head, points = start_head(self.capture, self.config.head, seed)
+        started = start_head(self.capture, self.config.head, seed)
+        head = started.head
         use_precision(head, self._precision)
         checkpoint = Checkpoint.read(self.run.checkpoint) if self.run.checkpoint.exists() else None
         torch.manual_seed(seed + 1)
@@ -145,10 +145,9 @@ class _Training:
         use_precision(hair, self._precision)
         normalizer = SignalNormalizer.fit([motion_signals(self.capture.track(s)) for s in self.segments])
         background = torch.from_numpy(self.capture.background).float()
-        scalp = torch.nonzero(torch.isin(points.face, tracked_surface(self.capture).scalp)).squeeze(1)
-        layer = ScalpLayer.under(strands[:, 0], head.means.detach(), scalp)
+        layer = ScalpLayer.under(strands[:, 0], head.means.detach(), started.scalp)
         basis = self.capture.expression_basis
-        return Avatar(hair, head, normalizer, background, layer, basis), points, checkpoint
+        return Avatar(hair, head, normalizer, background, layer, basis), started.points, checkpoint
 
     def canonical_hair(self) -> Float[Tensor, "n 200 3"]:
         """The static stage's strands, head frame, metres."""
