@@ -23,10 +23,10 @@ class MeshHeadWeights:
     image: float = 0.1
     silhouette: float = 0.1
     landmarks: float = 1.0
-    deformation: float = 0.01
+    deformation: float = 0.1
     surface: float = 0.1
-    laplacian: float = 0.45
-    departure: float = 0.03
+    laplacian: float = 0.1
+    departure: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class MeshHeadConfig:
         resolution: cubes of the tetrahedral grid along its longest side.
         width: size of the geometry MLP's hidden layers.
         layers: their number.
-        pretraining_iterations: steps that give the geometry MLP the shape of a few ellipsoids.
+        pretraining_iterations: steps that give the geometry MLP its first shape.
         iterations: steps that see images.
         views: views a step.
         image_size: longer side of the images, pixels; larger captures are reduced.
@@ -57,6 +57,6 @@ class MeshHeadConfig:
     image_size: int = 256
     refresh_every: int = 10
     checkpoint_every: int = 100
-    network_rate: float = 1e-3
+    network_rate: float = 2e-3
     landmark_rate: float = 1e-5
     weights: MeshHeadWeights = field(default_factory=MeshHeadWeights)

@@ -24,7 +24,7 @@ from dynhair.training.mesh_objective import (
     mean_square,
     seen_without_hair,
 )
-from dynhair.training.mesh_pretraining import first_shape, pretrain
+from dynhair.training.mesh_pretraining import ellipsoids, pretrain
 from dynhair.training.mesh_space import grid_follow, person_box, rest_landmarks
 from synthetic import write_synthetic_capture
 
@@ -44,7 +44,7 @@ def head(capture: Capture) -> MeshHead:
     grid = TetrahedralGrid.of(*person_box(capture), 14)
     pose = head_pose(capture.track(training_segments(capture)[0]), 0)
     landmarks = rest_landmarks(capture)
-    first, follow = first_shape(grid.vertices, landmarks), grid_follow(capture, grid)
+    first, follow = ellipsoids(grid.vertices, landmarks), grid_follow(capture, grid)
     head = MeshHead(grid, first, follow, landmarks, pose, CONFIG, MeshHeadConfig(width=48, layers=3))
     pretrain(head.geometry, 200, 0)
     return head

@@ -121,7 +121,10 @@ class MeshHead(nn.Module):
         return CanonicalMesh(surface.vertices, surface.faces, colours, features, follow, found)
 
     def look(self, points: Float[Tensor, "k 3"]) -> tuple[Float[Tensor, "k 3"], Float[Tensor, "k c"]]:
-        """Colours in [0, 1] and features in [-1, 1] of points of the head frame, metres; where they are has no gradient.
+        """Colours in [0, 1] and features in [-1, 1] of points of the head frame; without gradient in the points.
+
+        Args:
+            points: metres.
 
         Returns:
             What the points look like whatever the pose and the expression; what the colour networks know them by.

@@ -1,4 +1,4 @@
-"""The mesh head's first shape: head, neck and trunk as three ellipsoids."""
+"""The mesh head's first shape: a head like any other where the landmarks are."""
 
 from __future__ import annotations
 
@@ -8,6 +8,13 @@ from torch import Tensor
 
 from dynhair.avatar.head import CANONICAL_UNIT
 from dynhair.avatar.neural_surface import NeuralSurface
+from dynhair.capture import Capture
+from dynhair.errors import DynhairError
+from dynhair.mesh import TetrahedralGrid
+from dynhair.strands import MeshDistance
+from dynhair.training.frames import head_frame, rest_frame
+from dynhair.training.mesh_space import rest_landmarks
+from dynhair.training.surface import RegisteredHead
 
 # Adults' middling measures: centres from the mean of the landmarks, and half axes, metres.
 _CENTRES = ((0.0, 0.04, -0.09), (0.0, -0.13, -0.10), (0.0, -0.37, -0.12))
@@ -16,8 +23,8 @@ _POINTS = 4096
 _RATE = 1e-3
 
 
-def first_shape(points: Float[Tensor, "n 3"], landmarks: Float[Tensor, "m 3"]) -> Float[Tensor, " n"]:
-    """Distance to a head with neck and trunk, negative inside; nearly so away from the surface.
+def ellipsoids(points: Float[Tensor, "n 3"], landmarks: Float[Tensor, "m 3"]) -> Float[Tensor, " n"]:
+    """Distance to a head, a neck and a trunk that are ellipsoids; negative inside, and nearly so off the surface.
 
     Args:
         points: head frame, metres.
@@ -31,11 +38,30 @@ def first_shape(points: Float[Tensor, "n 3"], landmarks: Float[Tensor, "m 3"]) -
     return (level * (level - 1) / slope.clamp_min(1e-6)).amin(1)
 
 
-def pretrain(surface: NeuralSurface, iterations: int, seed: int) -> None:
-    """Teach the geometry MLP the first shape, at random grid vertices; then look where its surface is.
+def first_shape(capture: Capture, grid: TetrahedralGrid) -> Float[Tensor, " n"]:
+    """Signed distance, metres, of the open head registered to the rest frame's landmarks; of ellipsoids without a face.
 
-    Gaussian Head Avatar begins with a unit sphere, but shows no more of the trunk than the neck. A sphere would have to
-    grow shoulders from their edge on, and the head's back, which hair hides, would stay a sphere's.
+    Gaussian Head Avatar begins with a unit sphere, but shows all of the head and no more of the trunk than the neck.
+    Here hair hides most of the head, which keeps the shape that it begins with.
+
+    Args:
+        capture: gives the landmarks; its tracked mesh is not looked at.
+        grid: where the distance is wanted, head frame.
+
+    Raises:
+        DynhairError: there are no landmarks.
+    """
+    try:
+        head = RegisteredHead.to(capture)
+    except DynhairError:
+        return ellipsoids(grid.vertices, rest_landmarks(capture))
+    segment, index = rest_frame(capture)
+    vertices = head_frame(capture.track(segment), index)(head.vertices(segment.start + index))
+    return MeshDistance(vertices, head.faces).query(grid.vertices)[0]
+
+
+def pretrain(surface: NeuralSurface, iterations: int, seed: int) -> None:
+    """Teach the geometry MLP the first shape, at random grid vertices, look where its surface is, and remember it.
 
     Args:
         surface: changed in place.
@@ -48,10 +74,12 @@ def pretrain(surface: NeuralSurface, iterations: int, seed: int) -> None:
     optimizer = torch.optim.Adam(surface.network.parameters(), lr=_RATE)
     generator = torch.Generator().manual_seed(seed)
     for _ in range(iterations):
-        rows = torch.randint(len(surface.places), (_POINTS,), generator=generator)
+        rows = torch.randint(len(surface.places), (min(_POINTS, len(surface.places)),), generator=generator)
         wrong = surface.at(surface.places[rows]).sdf - surface.first[rows]
         loss = (wrong / CANONICAL_UNIT).square().mean()
         optimizer.zero_grad(set_to_none=True)
         loss.backward()
         optimizer.step()
+    with torch.no_grad():
+        surface.first.copy_(surface.at(surface.places).sdf)
     surface.refresh()

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
 from dynhair.avatar.head import Head, HeadStart
 from dynhair.avatar.mesh_head import CanonicalMesh, MeshHead
 from dynhair.config import HeadConfig
-from dynhair.strands import Roots, sample_roots
+from dynhair.strands import sample_roots
 from dynhair.training.head_start import OPAQUE, mean_spacing
 
 
@@ -34,7 +32,7 @@ def start_of_mesh(mesh_head: MeshHead, config: HeadConfig, seed: int) -> HeadSta
         means=means,
         normals=places.normals(mesh.vertices),
         spacing=mean_spacing(means),
-        colours=_interpolate(places, mesh.colours),
+        colours=mesh_head.look(means)[0],
         opacities=torch.full((count,), OPAQUE),
         follow=places.interpolate(mesh.follow),
     )
@@ -44,7 +42,7 @@ def start_of_mesh(mesh_head: MeshHead, config: HeadConfig, seed: int) -> HeadSta
 def take_over(head: Head, mesh_head: MeshHead) -> None:
     """Give a Gaussian head the mesh head's deformation, colour and skinning networks, and the features they know.
 
-    The colours of its Gaussians are then the mesh's under every pose and expression, up to what lies between them.
+    The colours of its Gaussians are then the mesh's under every pose and expression.
 
     Args:
         head: begun as :func:`start_of_mesh` says, perhaps with Gaussians more; changed in place.
@@ -53,7 +51,7 @@ def take_over(head: Head, mesh_head: MeshHead) -> None:
     head.deformation.load_state_dict(mesh_head.deformation.state_dict())
     head.colour.load_state_dict(mesh_head.colour.state_dict())
     head.skinning.load_state_dict(mesh_head.skinning.state_dict())
-    head.features.copy_(mesh_head.geometry.at(head.means).features)
+    head.features.copy_(mesh_head.look(head.means)[1])
     head.expression_weight.copy_(mesh_head.expression_weight(head.means))
 
 
@@ -61,7 +59,3 @@ def vertices_when_subdivided(mesh: CanonicalMesh) -> int:
     """Vertices of the mesh and of its edges' middles together."""
     edges = torch.cat([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]]).sort(1).values
     return len(mesh.vertices) + len(torch.unique(edges, dim=0))
-
-
-def _interpolate(places: Roots, values: Float[Tensor, "v c"]) -> Float[Tensor, "n c"]:
-    return (values[places.triangle] * places.barycentric[..., None]).sum(1)
