@@ -24,6 +24,7 @@ from dynhair.mesh_config import MeshHeadConfig
 from dynhair.render import Gaussians
 
 _APPEARANCE_LAYERS = 3
+_APPEARANCE_FREQUENCIES = 6  # lips and stripes are finer than what a mesh is shaped by
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,8 @@ class MeshHead(nn.Module):
         position = encoded_size(3, ENCODING_FREQUENCIES)
         pose = encoded_size(6, ENCODING_FREQUENCIES)
         wide, deep, thin = config.deformation_width, config.deformation_layers, config.appearance_width
-        self.appearance = PointMLP(position, 0, (mesh_config.width,) * _APPEARANCE_LAYERS, 3 + config.features)
+        painted = encoded_size(3, _APPEARANCE_FREQUENCIES)
+        self.appearance = PointMLP(painted, 0, (mesh_config.width,) * _APPEARANCE_LAYERS, 3 + config.features)
         self.deformation = Branches(position, expression, pose, (wide,) * deep, (wide,) * 2, 3, bounded=True)
         self.colour = Branches(config.features, expression, pose, (thin,) * 2, (thin,), config.colour_channels)
 
@@ -129,7 +131,7 @@ class MeshHead(nn.Module):
         Returns:
             What the points look like whatever the pose and the expression; what the colour networks know them by.
         """
-        code = positional_encoding(points.detach() / CANONICAL_UNIT, ENCODING_FREQUENCIES)
+        code = positional_encoding(points.detach() / CANONICAL_UNIT, _APPEARANCE_FREQUENCIES)
         colours, features = self.appearance(code, code.new_empty(0)).split([3, self.config.features], dim=1)
         return colours.sigmoid(), features.tanh()
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import safetensors
 import safetensors.torch
@@ -105,11 +106,8 @@ class MeshStage:
     def _optimise(self, interruption: Interruption) -> None:
         """Train the mesh head, from the checkpoint if there is one."""
         head, config = self.head, self.config
-        networks = [parameter for parameter in head.parameters() if parameter is not head.landmarks]
-        rates = (config.network_rate, config.landmark_rate)
-        optimizer = torch.optim.Adam(
-            [{"params": group, "lr": rate} for group, rate in zip((networks, [head.landmarks]), rates, strict=True)]
-        )
+        optimizer = torch.optim.Adam(self._groups())
+        rates = [group["lr"] for group in optimizer.param_groups]
         first = 0
         if self.checkpoint.exists():
             checkpoint = Checkpoint.read(self.checkpoint)
@@ -140,6 +138,16 @@ class MeshStage:
                 self.console.print(f"Stopped after step {done} of the mesh head; go on with --resume.", highlight=False)
                 raise KeyboardInterrupt
 
+    def _groups(self) -> list[dict[str, Any]]:
+        head, config = self.head, self.config
+        shape = [head.geometry, head.deformation, head.skinning]
+        look = [head.appearance, head.colour]
+        return [
+            {"params": [p for part in shape for p in part.parameters()], "lr": config.network_rate},
+            {"params": [p for part in look for p in part.parameters()], "lr": config.appearance_rate},
+            {"params": [head.landmarks], "lr": config.landmark_rate},
+        ]
+
     def _read_result(self) -> None:
         try:
             self.head.load_state_dict(safetensors.torch.load_file(self.result))
@@ -158,5 +166,5 @@ class MeshStage:
 
 
 def _decay(step: int, iterations: int) -> float:
-    """The factor on both learning rates: a cosine from 1 to a twentieth."""
+    """The factor on all learning rates: a cosine from 1 to a twentieth."""
     return _LAST_RATE + (1 - _LAST_RATE) * 0.5 * (1 + math.cos(math.pi * step / iterations))
