@@ -15,7 +15,8 @@ from dynhair.avatar import ExpressionModes, Head, HeadPose, HeadStart
 from dynhair.avatar.branches import Branches, expression_weight
 from dynhair.avatar.expression_modes import fitted_modes
 from dynhair.avatar.head import facing
-from dynhair.avatar.skinning import Skinning, multiply_quaternions, rotation_quaternion
+from dynhair.avatar.rotations import multiply_quaternions, rotation_quaternion
+from dynhair.avatar.skinning import Skinning
 from dynhair.config import HeadConfig
 from dynhair.motion import so3_exp
 
@@ -104,7 +105,8 @@ def test_displacements_are_bounded(head: Head) -> None:
 
 def test_expression_modes_displace_what_they_know_and_nothing_at_rest(head: Head) -> None:
     rows, offsets = torch.tensor([4, 9]), torch.rand(1, 2, 3) * 0.01
-    modes = ExpressionModes(rows, torch.tensor([2]), REST.expression, offsets)
+    turns, growth = torch.rand(1, 2, 3), torch.rand(1, 2)
+    modes = ExpressionModes(rows, torch.tensor([2]), REST.expression, offsets, turns, growth)
     moving = Head(replace(start(), modes=modes), start().means[:5], REST, CONFIG)
     moving.deformation.load_state_dict(head.deformation.state_dict())
     smiling = replace(REST, expression=REST.expression + torch.tensor([0.7, 0.0, 0.5]))
@@ -114,6 +116,17 @@ def test_expression_modes_displace_what_they_know_and_nothing_at_rest(head: Head
     expected[rows] = 0.5 * offsets[0] @ REST.rotation.T
     torch.testing.assert_close(change, expected, atol=1e-6, rtol=0)
 
+    for part in (moving, head):
+        part.attributes.apply(zero)
+    before, after = head(smiling), moving(smiling)
+    torch.testing.assert_close(after.scales[rows], before.scales[rows] * (0.5 * growth[0, :, None]).exp())
+    turn = Rotation.from_rotvec(0.5 * turns[0].numpy() @ REST.rotation.numpy().T)
+    expected = turn.as_matrix() @ facing_matrices(before.quats.detach()[rows]).numpy()
+    np.testing.assert_allclose(facing_matrices(after.quats.detach()[rows]).numpy(), expected, atol=1e-5)
+    others = torch.ones(60, dtype=torch.bool)
+    others[rows] = False
+    torch.testing.assert_close(after.quats[others], before.quats[others])
+
 
 def test_modes_are_found_again_from_what_they_displaced() -> None:
     generator = torch.Generator().manual_seed(0)
@@ -122,12 +135,16 @@ def test_modes_are_found_again_from_what_they_displaced() -> None:
     expressions[:, [0, 1, 4]] = torch.rand(40, 3, generator=generator)
     rest = expressions[6]
     displacements = torch.einsum("fa,amc->fmc", (expressions - rest)[:, [0, 1, 4]], true)
-    modes = fitted_modes(expressions, rest, displacements, torch.arange(7), 1e-9)
+    turns, growth = 10 * displacements, 20 * displacements[..., 0]
+    modes = fitted_modes(expressions, rest, displacements, turns, growth, torch.arange(7), 1e-9)
     assert modes.coefficients.tolist() == [0, 1, 4]  # those that never change teach nothing
     torch.testing.assert_close(modes.offsets.detach(), true, atol=1e-6, rtol=0)
-    shrunk = fitted_modes(expressions, rest, displacements, torch.arange(7), 1e3)
+    torch.testing.assert_close(modes.turns, 10 * true, atol=1e-5, rtol=0)
+    torch.testing.assert_close(modes.growth, 20 * true[..., 0], atol=1e-5, rtol=0)
+    shrunk = fitted_modes(expressions, rest, displacements, turns, growth, torch.arange(7), 1e3)
     assert shrunk.offsets.abs().max() < 1e-3
-    still = fitted_modes(rest.expand(4, 5), rest, torch.zeros(4, 7, 3), torch.arange(7), 1e-3)
+    nothing = torch.zeros(4, 7, 3)
+    still = fitted_modes(rest.expand(4, 5), rest, nothing, nothing, nothing[..., 0], torch.arange(7), 1e-3)
     assert still.displaced(torch.ones(8, 3), rest + 1).equal(torch.ones(8, 3))
 
 

@@ -76,8 +76,8 @@ class Head(nn.Module):
 
     - a colour of its own to which the colour MLPs add: a face is recognisable after hundreds of steps instead of
       thousands;
-    - displacements of its own for the expression (:class:`~dynhair.avatar.expression_modes.ExpressionModes`) to which
-      the deformation MLPs add: lids close over eyes;
+    - displacements of its own for the expression, and turns and growth with them
+      (:class:`~dynhair.avatar.expression_modes.ExpressionModes`), to which the MLPs add: lids close over eyes;
     - a follow weight of its own between the head's motion and the body's (:class:`~dynhair.avatar.skinning.Skinning`),
       so that the torso stays while the head turns and the neck bends between.
 
@@ -139,10 +139,10 @@ class Head(nn.Module):
         colour = self.colour(self.features, weight, pose.expression, code)
         offsets = self.attributes(self.features, weight, pose.expression, code)
         log_scales, quats, opacity = (self.config.attribute_scale * offsets).split([3, 4, 1], dim=-1)
-        quats = nn.functional.normalize(self.quats + quats, dim=-1)
+        quats = self.modes.turned(nn.functional.normalize(self.quats + quats, dim=-1), pose.expression)
         return HeadGaussians(
             means=self.world_means(pose),
-            scales=(self.log_scales + log_scales).exp(),
+            scales=self.modes.grown(self.log_scales + log_scales, pose.expression).exp(),
             quats=self.skinning.turned(quats, self.follow, pose),
             opacities=(self.opacity_logits + opacity[:, 0]).sigmoid(),
             colours=self.base_colours + colour,

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynhair.avatar.head_pose import HeadPose
+from dynhair.avatar.rotations import multiply_quaternions, rotation_quaternion
 from dynhair.motion import so3_exp, so3_log
 
 
@@ -64,24 +65,3 @@ class Skinning(nn.Module):
         turned = so3_log(pose.rotation @ self.rest_rotation.T)
         answer = self.body_response @ torch.cat([turned, pose.translation - self.rest_translation])
         return answer[:3], answer[3:]
-
-
-def rotation_quaternion(rotation_vector: Float[Tensor, "3"]) -> Float[Tensor, "4"]:
-    """The unit quaternion, wxyz, of a rotation vector."""
-    half = rotation_vector / 2
-    angle = torch.linalg.vector_norm(half)
-    return torch.cat([angle.cos()[None], half * torch.sinc(angle / torch.pi)])
-
-
-def multiply_quaternions(a: Float[Tensor, "4"], b: Float[Tensor, "k 4"]) -> Float[Tensor, "k 4"]:
-    """Hamilton products, wxyz: rotate by ``b``, then by ``a``."""
-    w, x, y, z = a
-    left = torch.stack(
-        [
-            torch.stack([w, -x, -y, -z]),
-            torch.stack([x, w, -z, y]),
-            torch.stack([y, z, w, -x]),
-            torch.stack([z, -y, x, w]),
-        ]
-    )
-    return b @ left.T

@@ -26,6 +26,8 @@ from dynhair.training.surface_colours import seen_colours
 
 MODE_FRAMES = 200  # at most; more say nothing new
 MODE_RIDGE = 1e-3
+MOST_GROWTH = 1.5  # of a log-scale: what was folded away would grow without end
+LEAST_AREA = 1e-9  # square metres
 OPAQUE = 0.95
 TRANSLUCENT = 0.3
 MOUTH = slice(48, 66)
@@ -170,14 +172,37 @@ def tracked_modes(
     """
     frames = [(segment, index) for segment in training_segments(capture) for index in range(segment.count)]
     skinning = Skinning(rest)
-    expressions, displacements = [], []
+    first, index = rest_frame(capture)
+    normals, areas = _facets(surface.vertices(first.start + index) @ rest.rotation, points)
+    observed = []
     for segment, index in frames[:: math.ceil(len(frames) / MODE_FRAMES)]:
         pose = head_pose(capture.track(segment), index)
         with torch.no_grad():
             moved = skinning.world(means[rows], follow[rows], pose)
-        displacements.append((tracked_positions(surface, segment, index, points) - moved) @ pose.rotation)
-        expressions.append(pose.expression)
-    return fitted_modes(torch.stack(expressions), rest.expression, torch.stack(displacements), rows, MODE_RIDGE)
+        displacements = (tracked_positions(surface, segment, index, points) - moved) @ pose.rotation
+        turned, grown = _facets(surface.vertices(segment.start + index) @ pose.rotation, points)
+        growth = (grown / areas).log() / 2
+        observed.append(
+            (pose.expression, displacements, _turn(normals, turned), growth.clamp(-MOST_GROWTH, MOST_GROWTH))
+        )
+    expressions, displacements, turns, growth = (torch.stack(part) for part in zip(*observed, strict=True))
+    return fitted_modes(expressions, rest.expression, displacements, turns, growth, rows, MODE_RIDGE)
+
+
+def _facets(vertices: Float[Tensor, "v 3"], points: Roots) -> tuple[Float[Tensor, "m 3"], Float[Tensor, " m"]]:
+    """Unit normals and areas of the triangles that points lie on."""
+    a, b, c = vertices[points.triangle].unbind(1)
+    normals = torch.linalg.cross(b - a, c - a) / 2
+    areas = normals.norm(dim=1).clamp_min(LEAST_AREA)
+    return normals / areas[:, None], areas
+
+
+def _turn(before: Float[Tensor, "m 3"], after: Float[Tensor, "m 3"]) -> Float[Tensor, "m 3"]:
+    """The rotation vectors of the least turns between unit vectors."""
+    axis = torch.linalg.cross(before, after)
+    sine = axis.norm(dim=1, keepdim=True)
+    angle = torch.atan2(sine, (before * after).sum(1, keepdim=True))
+    return torch.where(sine > 0, axis / sine.clamp_min(1e-12) * angle, torch.zeros_like(axis))
 
 
 def tracked_positions(surface: TrackedSurface, segment: Segment, index: int, points: Roots) -> Float[Tensor, "k 3"]:
