@@ -142,8 +142,8 @@ def train(
         config: YAML file in the place of the preset; every run writes its own config.yaml to start from.
         iterations: Steps of the joint training, if others than the preset's.
         seed: Of everything random, if another than the preset's.
-        stages: What to do: static makes the canonical hair, dynamic the moving avatar. After static alone, --resume
-            goes on with the rest.
+        stages: What to do: static makes the canonical hair, mesh the paper's mesh head (which the head of preset paper
+            starts from), dynamic the moving avatar with all that it needs. After one of them --resume goes on.
         hair_init: A groom (.hair, .data, .ply, .npz, .abc, .usd) to start the canonical hair from, in the place of
             the strand prior's guess.
         resume: Go on with the run in OUT, with its own configuration.
@@ -188,7 +188,7 @@ def render(
 
 
 def evaluate(avatar: Positional[Path], capture: Positional[Path], out: Path | None = None) -> None:
-    """Measure an avatar on a capture's motions, held-out ones first: a table, metrics.json, side-by-side videos.
+    """Measure an avatar on a capture's motions, held-out ones first: tables, metrics.json, videos, pictures.
 
     Its hair at rest is measured too, from views that training saw and from held-out ones; of a run that has not got
     further than that, the hair alone.

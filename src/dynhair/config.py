@@ -256,6 +256,7 @@ PRESETS: Mapping[str, Config] = {
             weights=StaticWeights(perceptual=0.01, segmentation_excess=0.5),
         ),
         head=HeadConfig(
+            start="mesh",
             gaussians=140_000,
             mouth_gaussians=3000,
             features=128,

@@ -69,12 +69,13 @@ class StartedHead:
 
     Attributes:
         head: its Gaussians are sorted by the expression's share in them.
-        points: where its last Gaussians lie on the tracked surface; those around the mouth come before them.
+        points: where its last Gaussians lie on the tracked surface, those around the mouth coming before them; None if
+            they are not bound to it.
         scalp: indices of the Gaussians on the scalp.
     """
 
     head: Head
-    points: Roots
+    points: Roots | None
     scalp: Int64[Tensor, " s"]
 
 

@@ -49,7 +49,8 @@ class JointObjective(nn.Module):
         avatar: the model, on the device that it is to be trained on.
         capture: gives tracks and the tracked surface.
         segments: the training segments.
-        points: where the head's last Gaussians lie on the tracked surface.
+        points: where the head's last Gaussians lie on the tracked surface, which they then are held to; None for
+            nowhere.
         config: weights, iterations, seed.
     """
 
@@ -58,7 +59,7 @@ class JointObjective(nn.Module):
         avatar: Avatar,
         capture: Capture,
         segments: Sequence[Segment],
-        points: Roots,
+        points: Roots | None,
         config: TrainingConfig,
     ) -> None:
         super().__init__()
@@ -94,7 +95,6 @@ class JointObjective(nn.Module):
         generator = torch.Generator().manual_seed(config.seed * 1_000_003 + step)
         points = sample_strand_points(posed.strands, config.penetration_points, generator=generator)
         rest = self.avatar.canonical_strands.detach()
-        tracked = tracked_positions(self._surface, segment, batch.index, self._points).to(self._device)
         rgb = agreed_colours(images, batch)
         terms = {
             "rgb": l1_loss(rgb, batch.rgb),
@@ -106,8 +106,10 @@ class JointObjective(nn.Module):
             ),
             "penetration": penetration_loss(points, self._mesh),
             "elastic": elastic_loss(posed.strands, rest),
-            "tracking": (posed.head.means[-len(tracked) :] - tracked).square().sum(-1).mean(),
         }
+        if self._points is not None:
+            tracked = tracked_positions(self._surface, segment, batch.index, self._points).to(self._device)
+            terms["tracking"] = (posed.head.means[-len(tracked) :] - tracked).square().sum(-1).mean()
         if images.coarse is not None:
             terms["coarse"] = l1_loss(
                 images.coarse, reduced(batch.rgb, (images.coarse.shape[1], images.coarse.shape[2]))

@@ -17,6 +17,7 @@ from torch import Tensor
 from torch.utils.tensorboard.writer import SummaryWriter
 
 from dynhair.avatar import Avatar, Hair, ScalpLayer
+from dynhair.avatar.mesh_head import MeshHead
 from dynhair.avatar.mlp import quick_precision, use_precision
 from dynhair.capture import Capture
 from dynhair.config import Config, LearningRates
@@ -29,15 +30,18 @@ from dynhair.threads import keep_large_blocks, large_pieces
 from dynhair.training.batches import Batches, load_batch
 from dynhair.training.checkpoint import Checkpoint
 from dynhair.training.frames import rest_frame, training_segments
+from dynhair.training.head_on_mesh import start_head_on_mesh
 from dynhair.training.head_start import start_head
 from dynhair.training.interruption import interruptible
+from dynhair.training.mesh_stage import MeshStage
 from dynhair.training.objective import JointObjective
 from dynhair.training.previews import preview_picture, write_preview
 from dynhair.training.run import Run, read_hair, write_hair
 from dynhair.training.static_hair import StaticStage, strand_width
 
-StageName = Literal["static", "dynamic"]
+StageName = Literal["static", "mesh", "dynamic"]
 STAGES: tuple[StageName, ...] = ("static", "dynamic")
+"""What leads to an avatar; the dynamic stage does the mesh stage first where the head is to begin on its surface."""
 
 GRADIENT_NORM = 1.0  # of the deformer: a step early in training cannot throw the hair far
 
@@ -61,8 +65,9 @@ def train(
         capture: the capture's folder; training reads its training segments alone, and never its ground truth.
         out: the run's folder; the avatar is written to its ``avatar``.
         config: sizes, iterations, weights; preset ``small`` by default. A resumed run keeps its own.
-        stages: ``static`` makes the canonical hair, ``dynamic`` the avatar from it (and the hair where the run has
-            none); after ``static`` alone the run can be gone on with.
+        stages: ``static`` makes the canonical hair, ``mesh`` the mesh head, ``dynamic`` the avatar from the hair (which
+            it makes where the run has none) and, if ``config.head.start`` says so, from the mesh head. After any of
+            them the run can be gone on with.
         hair_init: a groom to start the canonical hair from, in any of the formats of :mod:`dynhair.strands.files`, in
             the place of the strand prior's guess.
         resume: go on with the run in ``out``.
@@ -99,8 +104,12 @@ def train(
     keep_large_blocks()
     with large_pieces(), StageProgress(console).shown() as progress:
         training = _Training(run, data, progress, console)
-        strands = training.canonical_hair()
-        return training.finish(strands) if "dynamic" in stages else None
+        if "mesh" in stages:
+            training.mesh_head()
+        if "static" in stages or "dynamic" in stages:
+            strands = training.canonical_hair()
+            return training.finish(strands) if "dynamic" in stages else None
+        return None
 
 
 def _with_precision(config: Config) -> Config:
@@ -132,10 +141,13 @@ class _Training:
         avatar.save(self.run.avatar)
         return avatar
 
-    def _start(self, strands: Tensor) -> tuple[Avatar, Roots, Checkpoint | None]:
+    def _start(self, strands: Tensor) -> tuple[Avatar, Roots | None, Checkpoint | None]:
         """The avatar before the joint training, or as the checkpoint left it."""
         seed = self.config.training.seed
-        started = start_head(self.capture, self.config.head, seed)
+        if self.config.head.start == "mesh":
+            started = start_head_on_mesh(self.mesh_head(), self.capture, self.config.head, seed)
+        else:
+            started = start_head(self.capture, self.config.head, seed)
         head = started.head
         use_precision(head, self._precision)
         checkpoint = Checkpoint.read(self.run.checkpoint) if self.run.checkpoint.exists() else None
@@ -148,6 +160,10 @@ class _Training:
         layer = ScalpLayer.under(strands[:, 0], head.means.detach(), started.scalp)
         basis = self.capture.expression_basis
         return Avatar(hair, head, normalizer, background, layer, basis), started.points, checkpoint
+
+    def mesh_head(self) -> MeshHead:
+        """The mesh stage's head."""
+        return MeshStage(self.run, self.capture, self.progress, self.console).finish()
 
     def canonical_hair(self) -> Float[Tensor, "n 200 3"]:
         """The static stage's strands, head frame, metres."""
