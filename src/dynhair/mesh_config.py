@@ -61,7 +61,7 @@ class MeshHeadConfig:
     image_size: int = 256
     refresh_every: int = 50
     checkpoint_every: int = 100
-    network_rate: float = 2e-3
+    network_rate: float = 3e-3
     appearance_rate: float = 5e-3
     landmark_rate: float = 1e-5
     weights: MeshHeadWeights = field(default_factory=MeshHeadWeights)

@@ -19,6 +19,7 @@ from dynhair.training.surface import RegisteredHead
 # Adults' middling measures: centres from the mean of the landmarks, and half axes, metres.
 _CENTRES = ((0.0, 0.04, -0.09), (0.0, -0.13, -0.10), (0.0, -0.37, -0.12))
 _HALF_AXES = ((0.077, 0.112, 0.098), (0.058, 0.12, 0.06), (0.20, 0.17, 0.10))
+_CENTRE = 1e-6  # of an ellipsoid, within which the distance to its surface is the shortest half axis
 _POINTS = 4096
 _RATE = 1e-3
 
@@ -35,7 +36,8 @@ def ellipsoids(points: Float[Tensor, "n 3"], landmarks: Float[Tensor, "m 3"]) ->
     # Distance over its gradient: exact to first order at the surface.
     level = (relative / half).norm(dim=-1)
     slope = (relative / half.square()).norm(dim=-1)
-    return (level * (level - 1) / slope.clamp_min(1e-6)).amin(1)
+    reach = level.clamp_min(_CENTRE) / slope.clamp_min(_CENTRE / half.amin(-1))
+    return ((level - 1) * reach).amin(1)
 
 
 def first_shape(capture: Capture, grid: TetrahedralGrid) -> Float[Tensor, " n"]:
