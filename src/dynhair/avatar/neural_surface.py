@@ -16,8 +16,8 @@ from dynhair.mesh import Surface, TetrahedralGrid, marching_tetrahedra
 
 # A tetrahedron of the grid is 0.7 cubes high: vertices that move by less than half of that cannot turn one inside out.
 LARGEST_SHIFT = 0.2
-SURROUNDINGS = 2
-_FAR, _EDGE, _WITHIN = range(3)
+SURROUNDINGS = 2  # layers of tetrahedra around those that the surface crosses
+_FAR, _EDGE, _WITHIN = range(3)  # where the network is not evaluated, where that begins, and where there is room yet
 
 
 class PointField(NamedTuple):
