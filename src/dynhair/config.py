@@ -234,6 +234,7 @@ PRESETS: Mapping[str, Config] = {
     "tiny": Config(
         hair=HairConfig(strands=600, points=24, deformer=DeformerConfig(hidden=64, width=64)),
         static=StaticConfig(encoder_iterations=20, style_generations=8, iterations=250),
+        mesh=MeshHeadConfig(resolution=32, iterations=150),
         head=HeadConfig(gaussians=8000, mouth_gaussians=300, features=16, deformation_width=48, appearance_width=16),
         training=TrainingConfig(iterations=1200, checkpoint_every=300, preview_every=300),
     ),
@@ -254,6 +255,9 @@ PRESETS: Mapping[str, Config] = {
             views=4,
             image_size=1024,
             weights=StaticWeights(perceptual=0.01, segmentation_excess=0.5),
+        ),
+        mesh=MeshHeadConfig(
+            resolution=88, width=256, views=4, iterations=20_000, network_rate=1e-3, checkpoint_every=1000
         ),
         head=HeadConfig(
             start="mesh",

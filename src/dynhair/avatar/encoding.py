@@ -6,6 +6,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+CANONICAL_UNIT = 0.1
+"""Metres; positions and translations of heads are encoded in this unit, about the paper's canonical one."""
+
+ENCODING_FREQUENCIES = 4
+"""Octaves that they are encoded with."""
+
 
 def positional_encoding(x: Float[Tensor, "*n d"], frequencies: int) -> Float[Tensor, "*n e"]:
     """The identity followed by sine and cosine at 2^0 .. 2^(frequencies - 1), without a factor of pi.

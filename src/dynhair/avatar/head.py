@@ -13,14 +13,12 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynhair.avatar.branches import Branches, expression_weight
-from dynhair.avatar.encoding import encoded_size, positional_encoding
+from dynhair.avatar.encoding import CANONICAL_UNIT, ENCODING_FREQUENCIES, encoded_size, positional_encoding
 from dynhair.avatar.expression_modes import ExpressionModes
 from dynhair.avatar.head_pose import HeadPose
 from dynhair.avatar.skinning import Skinning
 from dynhair.config import HeadConfig
 
-CANONICAL_UNIT = 0.1  # metres; positions and translations are encoded in this unit
-ENCODING_FREQUENCIES = 4
 # Initial standard deviations over spacing: wide enough to close the surface, and thin, for hair that lies on the skin
 # would vanish in anything thick.
 DISC = (0.8, 0.8, 0.15)
@@ -121,21 +119,16 @@ class Head(nn.Module):
         """How far each Gaussian follows the head: 0 to 1; 1 for all where follow weights are off."""
         return torch.ones_like(self.expression_weight) if self.follow_logits is None else self.follow_logits.sigmoid()
 
-    def pose_code(self, pose: HeadPose) -> Float[Tensor, " p"]:
-        """The encoded pose: rotation vector, and translation from rest in canonical units."""
-        moved = (pose.translation - self.skinning.rest_translation) / CANONICAL_UNIT
-        return positional_encoding(torch.cat([pose.rotation_vector, moved]), ENCODING_FREQUENCIES)
-
     def world_means(self, pose: HeadPose) -> Float[Tensor, "k 3"]:
         """Positions in the world, metres (appendix A, "Deformation module")."""
         code = positional_encoding(self.means / CANONICAL_UNIT, ENCODING_FREQUENCIES)
-        moved = self.deformation(code, self.expression_weight, pose.expression, self.pose_code(pose))
+        moved = self.deformation(code, self.expression_weight, pose.expression, self.skinning.pose_code(pose))
         means = self.modes.displaced(self.means, pose.expression) + self.config.deformation_scale * moved
         return self.skinning.world(means, self.follow, pose)
 
     def forward(self, pose: HeadPose) -> HeadGaussians:
         """The posed Gaussians in the world (appendix A, "Appearance and attributes")."""
-        code, weight = self.pose_code(pose), self.expression_weight
+        code, weight = self.skinning.pose_code(pose), self.expression_weight
         colour = self.colour(self.features, weight, pose.expression, code)
         offsets = self.attributes(self.features, weight, pose.expression, code)
         log_scales, quats, opacity = (self.config.attribute_scale * offsets).split([3, 4, 1], dim=-1)

@@ -12,8 +12,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor, nn
 
 from dynhair.avatar.branches import Branches, expression_weight
-from dynhair.avatar.encoding import encoded_size, positional_encoding
-from dynhair.avatar.head import CANONICAL_UNIT, ENCODING_FREQUENCIES
+from dynhair.avatar.encoding import CANONICAL_UNIT, ENCODING_FREQUENCIES, encoded_size, positional_encoding
 from dynhair.avatar.head_pose import HeadPose
 from dynhair.avatar.mlp import PointMLP
 from dynhair.avatar.neural_surface import Extraction, NeuralSurface
@@ -135,11 +134,6 @@ class MeshHead(nn.Module):
         colours, features = self.appearance(code, code.new_empty(0)).split([3, self.config.features], dim=1)
         return colours.sigmoid(), features.tanh()
 
-    def pose_code(self, pose: HeadPose) -> Float[Tensor, " p"]:
-        """The encoded pose: rotation vector, and translation from rest in canonical units."""
-        moved = (pose.translation - self.skinning.rest_translation) / CANONICAL_UNIT
-        return positional_encoding(torch.cat([pose.rotation_vector, moved]), ENCODING_FREQUENCIES)
-
     def expression_weight(self, points: Float[Tensor, "k 3"]) -> Float[Tensor, " k"]:
         """The expression's share at points of the head frame, metres; without gradient."""
         return expression_weight(points.detach(), self.landmarks.detach(), self.config.near, self.config.far)
@@ -155,7 +149,9 @@ class MeshHead(nn.Module):
             pose: the frame's pose and expression.
         """
         code = positional_encoding(points / CANONICAL_UNIT, ENCODING_FREQUENCIES)
-        return self.config.deformation_scale * self.deformation(code, weight, pose.expression, self.pose_code(pose))
+        return self.config.deformation_scale * self.deformation(
+            code, weight, pose.expression, self.skinning.pose_code(pose)
+        )
 
     def world_landmarks(self, pose: HeadPose) -> Float[Tensor, "m 3"]:
         """The landmarks in one frame, world, metres."""
@@ -167,7 +163,7 @@ class MeshHead(nn.Module):
         self, base: Float[Tensor, "k 3"], features: Float[Tensor, "k c"], weight: Float[Tensor, " k"], pose: HeadPose
     ) -> Float[Tensor, "k 3"]:
         """Colours in one frame: those of the points themselves, and what the colour networks add."""
-        return base + self.colour(features, weight, pose.expression, self.pose_code(pose))[:, :3]
+        return base + self.colour(features, weight, pose.expression, self.skinning.pose_code(pose))[:, :3]
 
     def posed(self, mesh: CanonicalMesh, pose: HeadPose) -> PosedMesh:
         """The mesh in one frame (appendix A, "Deformation module", "Appearance and attributes")."""

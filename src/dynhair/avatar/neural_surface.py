@@ -8,8 +8,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from dynhair.avatar.encoding import encoded_size, positional_encoding
-from dynhair.avatar.head import CANONICAL_UNIT, ENCODING_FREQUENCIES
+from dynhair.avatar.encoding import CANONICAL_UNIT, ENCODING_FREQUENCIES, encoded_size, positional_encoding
 from dynhair.avatar.mlp import PointMLP
 from dynhair.errors import DynhairError
 from dynhair.mesh import Surface, TetrahedralGrid, marching_tetrahedra

@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from dynhair.avatar.encoding import CANONICAL_UNIT, ENCODING_FREQUENCIES, positional_encoding
 from dynhair.avatar.head_pose import HeadPose
 from dynhair.avatar.rotations import multiply_quaternions, rotation_quaternion
 from dynhair.motion import so3_exp, so3_log
@@ -59,6 +60,11 @@ class Skinning(nn.Module):
         # the product is linear in both, so that the two can be turned before they are blended
         blended = torch.lerp(multiply_quaternions(body, quats), multiply_quaternions(head, quats), follow[:, None])
         return nn.functional.normalize(blended, dim=-1)
+
+    def pose_code(self, pose: HeadPose) -> Float[Tensor, " p"]:
+        """What the networks hear of a pose: rotation vector, and translation from rest in canonical units, encoded."""
+        moved = (pose.translation - self.rest_translation) / CANONICAL_UNIT
+        return positional_encoding(torch.cat([pose.rotation_vector, moved]), ENCODING_FREQUENCIES)
 
     def _answer(self, pose: HeadPose) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
         """The body's rotation vector and displacement since the rest frame."""

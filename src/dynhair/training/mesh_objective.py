@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from dynhair.avatar import head_pose
-from dynhair.avatar.head import CANONICAL_UNIT
+from dynhair.avatar.encoding import CANONICAL_UNIT
 from dynhair.avatar.mesh_head import MeshHead, PosedMesh
 from dynhair.avatar.neural_surface import Extraction, NeuralSurface
 from dynhair.camera import Camera

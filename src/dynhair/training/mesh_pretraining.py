@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from dynhair.avatar.head import CANONICAL_UNIT
+from dynhair.avatar.encoding import CANONICAL_UNIT
 from dynhair.avatar.neural_surface import NeuralSurface
 from dynhair.capture import Capture
 from dynhair.errors import DynhairError

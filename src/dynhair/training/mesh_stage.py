@@ -6,7 +6,6 @@ show.
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +31,7 @@ from dynhair.training.mesh_preview import mesh_picture
 from dynhair.training.mesh_space import grid_follow, person_box, rest_landmarks
 from dynhair.training.previews import write_preview
 from dynhair.training.run import Run
-
-_LAST_RATE = 0.05
+from dynhair.training.schedule import falling_rate
 
 
 class MeshStage:
@@ -123,7 +121,7 @@ class MeshStage:
             if step % config.refresh_every == 0:
                 head.geometry.refresh()
             for group, rate in zip(optimizer.param_groups, rates, strict=True):
-                group["lr"] = rate * _decay(step, config.iterations)
+                group["lr"] = rate * falling_rate(step, config.iterations)
             result = objective(head, batch)
             optimizer.zero_grad(set_to_none=True)
             result.loss.backward()
@@ -163,8 +161,3 @@ class MeshStage:
         pose = head_pose(self.capture.track(self.segment), self.index)
         background = torch.from_numpy(self.capture.background).float()
         write_preview(mesh_picture(self.head, pose, batch, background), self.preview)
-
-
-def _decay(step: int, iterations: int) -> float:
-    """The factor on all learning rates: a cosine from 1 to a twentieth."""
-    return _LAST_RATE + (1 - _LAST_RATE) * 0.5 * (1 + math.cos(math.pi * step / iterations))

@@ -7,7 +7,6 @@ are moved until they do (supplement B, "Canonical initialization"). A groom from
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ from dynhair.training.interruption import Interruption, interruptible
 from dynhair.training.previews import hairstyle_picture, write_preview
 from dynhair.training.rest_scene import RestScene
 from dynhair.training.run import Run, write_hair
+from dynhair.training.schedule import falling_rate
 from dynhair.training.static_model import POINTS, DisplacedHair, EncodedHair, Paint
 from dynhair.training.static_objective import StaticObjective
 from dynhair.training.static_start import encoded_hair, groom_from_file, grown_style, misfit_in_few_views
@@ -148,7 +148,7 @@ class StaticStage:
         shown = self.progress.stage(f"canonical hair: {name}", iterations, first)
         for step in range(first, iterations):
             for group, rate in zip(optimizer.param_groups, rates, strict=True):
-                group["lr"] = rate * 0.5 * (1 + math.cos(math.pi * step / iterations))
+                group["lr"] = rate * falling_rate(step, iterations, last=0.0)
             strands = model(self.points)
             result = objective(strands, paint, step, iterations)
             optimizer.zero_grad(set_to_none=True)

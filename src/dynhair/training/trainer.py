@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -37,6 +36,7 @@ from dynhair.training.mesh_stage import MeshStage
 from dynhair.training.objective import JointObjective
 from dynhair.training.previews import preview_picture, write_preview
 from dynhair.training.run import Run, read_hair, write_hair
+from dynhair.training.schedule import falling_rate
 from dynhair.training.static_hair import StaticStage, strand_width
 
 StageName = Literal["static", "mesh", "dynamic"]
@@ -201,7 +201,7 @@ class _Training:
         with SummaryWriter(self.run.log, purge_step=first) as log, interruptible() as interruption:
             for step, batch in enumerate(batches.from_step(first, settings.iterations), first):
                 for group, rate in zip(optimizer.param_groups, rates, strict=True):
-                    group["lr"] = rate * decay(step, settings.iterations)
+                    group["lr"] = rate * falling_rate(step, settings.iterations)
                 result = model(batch.to(self.fabric.device), step)
                 fabric_optimizer.zero_grad(set_to_none=True)
                 self.fabric.backward(result.loss)
@@ -253,8 +253,3 @@ def joint_optimizer(objective: JointObjective, rates: LearningRates) -> torch.op
     own["head_networks"] = [parameter for parameter in objective.parameters() if id(parameter) not in taken]
     groups = [{"params": parameters, "lr": getattr(rates, name)} for name, parameters in own.items() if parameters]
     return torch.optim.Adam(groups, eps=1e-15, fused=True)
-
-
-def decay(step: int, iterations: int) -> float:
-    """The factor on all learning rates: a cosine from 1 to a twentieth."""
-    return 0.05 + 0.95 * 0.5 * (1 + math.cos(math.pi * step / iterations))
