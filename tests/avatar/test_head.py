@@ -268,3 +268,14 @@ def test_quaternions_are_scipys() -> None:
     for vector, quaternion in zip(rotations.as_rotvec(), wxyz, strict=True):
         assert abs(abs(rotation_quaternion(torch.from_numpy(vector)) @ quaternion) - 1) < 1e-12
     torch.testing.assert_close(rotation_quaternion(torch.zeros(3)), torch.tensor([1.0, 0, 0, 0]))
+
+
+@pytest.mark.parametrize("size", [1, 52, 64, 100])  # Anny has 52 coefficients, BFM 64, FLAME up to 100
+def test_expression_bases_of_any_size(size: int) -> None:
+    rest = pose_of([0.0, 0.1, 0.0], [0.0, 0.7, 0.0], expression=size)
+    head = Head(start(), start().means[:5], rest, CONFIG)
+    wild(head.deformation)
+    other = replace(rest, expression=rest.expression.roll(1) + 0.3)
+    near = head.expression_weight > 0.5
+    assert near.any()
+    assert (head.world_means(other) - head.world_means(rest))[near].abs().max() > 1e-4
