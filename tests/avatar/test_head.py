@@ -274,8 +274,10 @@ def test_quaternions_are_scipys() -> None:
 def test_expression_bases_of_any_size(size: int) -> None:
     rest = pose_of([0.0, 0.1, 0.0], [0.0, 0.7, 0.0], expression=size)
     head = Head(start(), start().means[:5], rest, CONFIG)
-    wild(head.deformation)
+    with torch.no_grad():
+        for parameter in head.deformation.parameters():
+            parameter.normal_(std=0.1)  # little enough for tanh not to saturate
     other = replace(rest, expression=rest.expression.roll(1) + 0.3)
     near = head.expression_weight > 0.5
     assert near.any()
-    assert (head.world_means(other) - head.world_means(rest))[near].abs().max() > 1e-4
+    assert (head.world_means(other) - head.world_means(rest))[near].abs().max() > 1e-6
