@@ -193,6 +193,7 @@ class TrainingConfig:
     Attributes:
         iterations: steps; a step sees one time step from several views.
         views: views a step.
+        static_every: every so many steps the rest frame's static views are seen, where there are any; never if 0.
         image_size: longer side of the training images, pixels; larger captures are reduced.
         precision: of the networks' hidden layers; ``auto`` is decided by measurement when a run begins, and kept.
         seed: of everything random.
@@ -207,6 +208,7 @@ class TrainingConfig:
 
     iterations: int = 4000
     views: int = 2
+    static_every: int = 8
     image_size: int = 256
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
     seed: int = 0

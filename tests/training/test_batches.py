@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 import torch
 
@@ -25,7 +27,7 @@ def batches(capture: Capture, *, seed: int = 0, image_size: int = 32) -> Batches
 def test_every_frame_comes_once_an_epoch_and_no_test_frame_ever(capture: Capture) -> None:
     source = batches(capture)
     for epoch in range(3):
-        seen = [source.choice(step)[:2] for step in range(10 * epoch, 10 * (epoch + 1))]
+        seen = [(c.segment, c.index) for c in map(source.choice, range(10 * epoch, 10 * (epoch + 1)))]
         assert sorted(seen) == [(s, i) for s in range(2) for i in range(5)]
     assert {segment.name for segment in source.segments} == {"turn", "tilt"}
 
@@ -38,7 +40,7 @@ def test_a_step_is_a_function_of_seed_and_step_alone(capture: Capture) -> None:
 
 def test_views_of_a_step_differ(capture: Capture) -> None:
     for step in range(20):
-        names = batches(capture).choice(step)[2]
+        names = batches(capture).choice(step).names
         assert len(set(names)) == 2
 
 
@@ -52,9 +54,9 @@ def test_reading_ahead_gives_the_same_batches(capture: Capture) -> None:
 
 def test_images_are_the_captures(capture: Capture) -> None:
     source = batches(capture)
-    segment, index, names = source.choice(0)
-    frame = source.segments[segment].start + index
-    view = capture.view(frame, names[1])
+    chosen = source.choice(0)
+    frame = source.segments[chosen.segment].start + chosen.index
+    view = capture.view(frame, chosen.names[1])
     batch = source.batch(0)
     assert view.hair is not None
     assert torch.equal(batch.rgb[1], view.rgb)
@@ -73,3 +75,25 @@ def test_smaller_training_images_keep_colours_and_angles(capture: Capture) -> No
     difference = (half.orientation - blocks.mean(-1)).abs()
     assert agreed.any()
     assert difference[agreed].max() < 0.05
+
+
+def test_now_and_then_the_rest_frame_is_seen_from_its_static_views(tmp_path: Path) -> None:
+    capture = Capture.open(write_synthetic_capture(tmp_path / "c", frames=4, views=2, size=32, static_views=12))
+    source = Batches(capture, training_segments(capture), views=2, image_size=32, seed=0, static_every=4)
+    rest = training_segments(capture)[0].start
+    assert capture.static_frame == rest
+    seen = set()
+    for step in range(60):
+        chosen = source.choice(step)
+        assert chosen.static == (step % 4 == 3)
+        if chosen.static:
+            assert (chosen.segment, chosen.index) == (0, 0)
+            seen |= set(chosen.names)
+    names = capture.static_names
+    assert seen == {name for place, name in enumerate(names) if place % 8 != 3}  # the others are to judge by
+    batch, chosen = source.batch(3), source.choice(3)
+    view, camera = capture.static_view(chosen.names[0]), capture.static_camera(chosen.names[0])
+    assert torch.equal(batch.rgb[0], view.rgb)
+    torch.testing.assert_close(batch.cameras[0].w2c, camera.w2c)
+    without = Batches(capture, training_segments(capture), views=2, image_size=32, seed=0)
+    assert not any(without.choice(step).static for step in range(20))

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from jaxtyping import Float
@@ -15,6 +16,7 @@ from torch.nn import functional
 from dynhair.camera import Camera
 from dynhair.capture import Capture, Segment, View
 from dynhair.training.frames import hair_mask
+from dynhair.training.static_views import static_view_names
 
 
 @dataclass(frozen=True)
@@ -47,10 +49,29 @@ class Batch:
         return dataclasses.replace(self, cameras=[camera.to(device) for camera in self.cameras], **maps)
 
 
+@dataclass(frozen=True)
+class Choice:
+    """What a step sees.
+
+    Attributes:
+        segment: index among the training segments.
+        index: frame inside the segment.
+        names: of the views.
+        static: whether these are static views.
+    """
+
+    segment: int
+    index: int
+    names: list[str]
+    static: bool
+
+
 class Batches:
     """Training batches by step number: every frame once an epoch, in random order, from random views.
 
     A step's batch depends on the seed and the step alone, so that a resumed run sees what an uninterrupted one sees.
+    Now and then a step sees the rest frame from its static views: what no camera of the motions faces (a back, a nape)
+    would be left to the noise of gradients otherwise.
 
     Args:
         capture: the images.
@@ -58,31 +79,50 @@ class Batches:
         views: views a step; fewer if the capture has fewer.
         image_size: longer side of the images, pixels; larger images are reduced.
         seed: of the order.
+        static_every: every so many steps the static views are seen, where the capture has them; never if 0.
     """
 
     def __init__(
-        self, capture: Capture, segments: Sequence[Segment], *, views: int, image_size: int, seed: int
+        self,
+        capture: Capture,
+        segments: Sequence[Segment],
+        *,
+        views: int,
+        image_size: int,
+        seed: int,
+        static_every: int = 0,
     ) -> None:
         self.capture = capture
         self.segments = segments
         self.views = min(views, len(capture.camera_names))
         self.image_size = image_size
         self.seed = seed
+        self._rest = _place(segments, capture.static_frame)
+        self._static_names = static_view_names(capture) if static_every and self._rest is not None else []
+        self._static_every = static_every
         self._frames = [(s, i) for s, segment in enumerate(segments) for i in range(segment.count)]
 
-    def choice(self, step: int) -> tuple[int, int, list[str]]:
-        """The segment, the frame inside it, and the views of a step."""
+    def choice(self, step: int) -> Choice:
+        """What a step sees."""
+        if self._rest is not None and self._static_names and (step + 1) % self._static_every == 0:
+            return Choice(*self._rest, self._drawn(self._static_names, step), static=True)
         epoch, position = divmod(step, len(self._frames))
         order = torch.randperm(len(self._frames), generator=self._generator(2 * epoch))
         segment, index = self._frames[int(order[position])]
-        names = self.capture.camera_names
-        views = torch.randperm(len(names), generator=self._generator(2 * step + 1))[: self.views]
-        return segment, index, [names[int(view)] for view in views]
+        return Choice(segment, index, self._drawn(self.capture.camera_names, step), static=False)
 
     def batch(self, step: int) -> Batch:
         """The batch of a step."""
-        segment, index, names = self.choice(step)
-        return load_batch(self.capture, self.segments, segment, index, names, self.image_size)
+        chosen = self.choice(step)
+        return load_batch(
+            self.capture,
+            self.segments,
+            chosen.segment,
+            chosen.index,
+            chosen.names,
+            self.image_size,
+            static=chosen.static,
+        )
 
     def from_step(self, step: int, stop: int) -> Iterator[Batch]:
         """The batches of steps ``step .. stop - 1``, each read while the one before is in use."""
@@ -94,25 +134,47 @@ class Batches:
                 upcoming = reader.submit(self.batch, following) if following < stop else None
                 yield batch
 
+    def _drawn(self, names: Sequence[str], step: int) -> list[str]:
+        order = torch.randperm(len(names), generator=self._generator(2 * step + 1))[: self.views]
+        return [names[int(view)] for view in order]
+
     def _generator(self, stream: int) -> torch.Generator:
         return torch.Generator().manual_seed(self.seed * 1_000_003 + stream)
 
 
 def load_batch(
-    capture: Capture, segments: Sequence[Segment], segment: int, index: int, names: Sequence[str], image_size: int
+    capture: Capture,
+    segments: Sequence[Segment],
+    segment: int,
+    index: int,
+    names: Sequence[str],
+    image_size: int,
+    *,
+    static: bool = False,
 ) -> Batch:
-    """The images of one frame from the named views.
+    """The images of one frame from the named views, which are static views of the rest frame if so said.
 
     Raises:
         DynhairError: the capture has no hair masks.
     """
     frame = segments[segment].start + index
-    views = capture.views([(frame, name) for name in names])
+    if static:
+        views, seen_by = [capture.static_view(name) for name in names], capture.static_camera
+    else:
+        views, seen_by = capture.views([(frame, name) for name in names]), partial(capture.camera, frame)
     width, height = _reduced(capture.image_size, image_size)
     maps = [_maps(capture, view, (height, width)) for view in views]
     rgb, hair, body, orientation, coherence = (torch.stack(items) for items in zip(*maps, strict=True))
-    cameras = [capture.camera(frame, name).resized(width, height) for name in names]
+    cameras = [seen_by(name).resized(width, height) for name in names]
     return Batch(segment, index, cameras, rgb, hair, body, orientation, coherence)
+
+
+def _place(segments: Sequence[Segment], frame: int) -> tuple[int, int] | None:
+    """The segment's index and the frame's inside it; None if no segment has it."""
+    for number, segment in enumerate(segments):
+        if frame in segment.frames:
+            return number, frame - segment.start
+    return None
 
 
 def _reduced(size: tuple[int, int], longer: int) -> tuple[int, int]:

@@ -59,6 +59,16 @@ class RestViews:
         return RestViews(cameras, rgb, maps[..., 0].contiguous(), direction)
 
 
+def static_view_names(capture: Capture, *, held_out: bool = False) -> list[str]:
+    """The static views that training sees; every eighth is held out, to judge by.
+
+    Args:
+        capture: which may have none.
+        held_out: the held-out ones instead.
+    """
+    return [name for place, name in enumerate(capture.static_names) if (place % _HELD_OUT == 3) == held_out]
+
+
 def rest_views(
     capture: Capture, frame: int, pose: HeadPose, *, held_out: bool = False, largest: int | None = None
 ) -> RestViews:
@@ -76,7 +86,7 @@ def rest_views(
     Raises:
         DynhairError: the capture has no hair masks.
     """
-    static = [name for place, name in enumerate(capture.static_names) if (place % _HELD_OUT == 3) == held_out]
+    static = static_view_names(capture, held_out=held_out)
     names = [] if held_out else capture.camera_names
     views = capture.views([(frame, name) for name in names])
     cameras = [capture.camera(frame, name) for name in names]

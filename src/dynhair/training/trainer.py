@@ -194,7 +194,12 @@ class _Training:
         rates = [group["lr"] for group in optimizer.param_groups]
         model, fabric_optimizer = self.fabric.setup(objective, optimizer)
         batches = Batches(
-            self.capture, self.segments, views=settings.views, image_size=settings.image_size, seed=settings.seed
+            self.capture,
+            self.segments,
+            views=settings.views,
+            image_size=settings.image_size,
+            seed=settings.seed,
+            static_every=settings.static_every,
         )
         stage = self.progress.stage("hair and head together", settings.iterations, first)
         began = time.monotonic()
@@ -228,7 +233,11 @@ class _Training:
 
 
 def joint_optimizer(objective: JointObjective, rates: LearningRates) -> torch.optim.Adam:
-    """Adam with a learning rate for each kind of parameter."""
+    """Adam with a learning rate for each kind of parameter.
+
+    Its epsilon is Adam's own: the 1e-15 of Gaussian splatting makes full steps of the faintest gradients, and what no
+    camera faces takes on random colours.
+    """
     avatar = objective.avatar
     hair, head = avatar.hair, avatar.head
     own = {
@@ -252,4 +261,4 @@ def joint_optimizer(objective: JointObjective, rates: LearningRates) -> torch.op
     taken = {id(parameter) for parameters in own.values() for parameter in parameters}
     own["head_networks"] = [parameter for parameter in objective.parameters() if id(parameter) not in taken]
     groups = [{"params": parameters, "lr": getattr(rates, name)} for name, parameters in own.items() if parameters]
-    return torch.optim.Adam(groups, eps=1e-15, fused=True)
+    return torch.optim.Adam(groups, fused=True)
