@@ -8,7 +8,7 @@ import pytest
 import torch
 from meshless import write_meshless_capture
 
-from dynhair.avatar import head_pose
+from dynhair.avatar import Head, head_pose
 from dynhair.capture import Capture, Segment
 from dynhair.config import HeadConfig
 from dynhair.strands import Roots
@@ -31,6 +31,13 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Capture:
     path = tmp_path_factory.mktemp("data") / "capture"
     write_synthetic_capture(path, frames=5, views=2, size=32)
     return Capture.open(path)
+
+
+def on_skin(capture: Capture) -> tuple[Head, Roots]:
+    """A head, and where its last Gaussians lie."""
+    started = start_head(capture, CONFIG, 0)
+    assert started.points is not None
+    return started.head, started.points
 
 
 def two_triangles() -> tuple[torch.Tensor, torch.Tensor]:
@@ -67,8 +74,7 @@ def test_points_move_with_the_mesh() -> None:
 
 
 def test_the_head_starts_where_the_tracking_has_it_and_follows_it(capture: Capture) -> None:
-    started = start_head(capture, CONFIG, 0)
-    head, points = started.head, started.points
+    head, points = on_skin(capture)
     segments = training_segments(capture)
     surface, count = tracked_surface(capture), len(points.face)
     target = head_frame(capture.track(segments[0]), 0)(tracked_positions(surface, segments[0], 0, points))
@@ -114,8 +120,7 @@ def test_modes_close_what_opens(capture: Capture, monkeypatch: pytest.MonkeyPatc
 
 def test_a_capture_without_a_mesh_starts_on_the_registered_head(tmp_path: Path) -> None:
     capture = Capture.open(write_meshless_capture(tmp_path / "c"))
-    started = start_head(capture, CONFIG, 0)
-    head, points = started.head, started.points
+    head, points = on_skin(capture)
     assert points.triangle.max() > 5000  # of the open head
     segments = training_segments(capture)
     target = tracked_positions(tracked_surface(capture), segments[0], 0, points)
@@ -146,8 +151,7 @@ def test_a_mouth_before_all_skin_gets_no_points() -> None:
 
 
 def test_the_torso_starts_at_rest_without_being_fitted(capture: Capture) -> None:
-    started = start_head(capture, CONFIG, 0)
-    head, points = started.head, started.points
+    head, points = on_skin(capture)
     segment = training_segments(capture)[0]
     surface, track = tracked_surface(capture), capture.track(segment)
     body = points.interpolate(surface.follow) < 0.01
