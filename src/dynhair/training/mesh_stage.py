@@ -42,12 +42,21 @@ class MeshStage:
         capture: with hair masks and landmarks.
         progress: where progress is shown.
         console: where the rest is said.
+        device: where the mesh head is trained; the result is on the CPU.
 
     Raises:
         DynhairError: the capture has no landmarks of a face, or masks that leave no room for one.
     """
 
-    def __init__(self, run: Run, capture: Capture, progress: StageProgress, console: Console) -> None:
+    def __init__(
+        self,
+        run: Run,
+        capture: Capture,
+        progress: StageProgress,
+        console: Console,
+        device: torch.device | str = "cpu",
+    ) -> None:
+        self.device = torch.device(device)
         self.run, self.capture, self.progress, self.console = run, capture, progress, console
         self.config = run.config.mesh
         self.seed = run.config.training.seed
@@ -95,7 +104,7 @@ class MeshStage:
             return self.head
         with interruptible() as interruption:
             self._optimise(interruption)
-        self.head.geometry.refresh()
+        self.head.cpu().geometry.refresh()
         with atomic_file(self.result) as temporary:
             safetensors.torch.save_file(dict(self.head.state_dict()), temporary)
         self._write_preview()
@@ -103,7 +112,7 @@ class MeshStage:
 
     def _optimise(self, interruption: Interruption) -> None:
         """Train the mesh head, from the checkpoint if there is one."""
-        head, config = self.head, self.config
+        head, config = self.head.to(self.device), self.config
         optimizer = torch.optim.Adam(self._groups())
         rates = [group["lr"] for group in optimizer.param_groups]
         first = 0
@@ -122,7 +131,7 @@ class MeshStage:
                 head.geometry.refresh()
             for group, rate in zip(optimizer.param_groups, rates, strict=True):
                 group["lr"] = rate * falling_rate(step, config.iterations)
-            result = objective(head, batch)
+            result = objective(head, batch.to(self.device))
             optimizer.zero_grad(set_to_none=True)
             result.loss.backward()
             optimizer.step()
@@ -158,6 +167,7 @@ class MeshStage:
         batch = load_batch(
             self.capture, [self.segment], 0, self.index, self.capture.camera_names, self.config.image_size
         )
-        pose = head_pose(self.capture.track(self.segment), self.index)
-        background = torch.from_numpy(self.capture.background).float()
-        write_preview(mesh_picture(self.head, pose, batch, background), self.preview)
+        device = self.head.landmarks.device
+        pose = head_pose(self.capture.track(self.segment), self.index, device)
+        background = torch.from_numpy(self.capture.background).float().to(device)
+        write_preview(mesh_picture(self.head, pose, batch.to(device), background), self.preview)

@@ -163,7 +163,7 @@ class _Training:
 
     def mesh_head(self) -> MeshHead:
         """The mesh stage's head."""
-        return MeshStage(self.run, self.capture, self.progress, self.console).finish()
+        return MeshStage(self.run, self.capture, self.progress, self.console, self.fabric.device).finish()
 
     def canonical_hair(self) -> Float[Tensor, "n 200 3"]:
         """The static stage's strands, head frame, metres."""
