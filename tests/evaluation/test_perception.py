@@ -61,7 +61,7 @@ def test_enlarging_keeps_what_is_seen() -> None:
 
 def test_weights_that_cannot_be_had_are_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(network: str) -> PerceptualDistance:
-        raise DynhairError(f"lpips-{network} is missing and no source could give it:\n  pypi.org: no route")
+        raise DynhairError(f"lpips-{network} is missing and no source could give it:\n  a mirror: no route")
 
     monkeypatch.setattr(PerceptualDistance, "pretrained", fail)
     perception = published()
