@@ -146,7 +146,7 @@ def test_training_brings_the_avatar_closer_to_the_images(capture: Path, tmp_path
 
     before = error(train(capture, tmp_path / "short", with_iterations(1), console=quiet()))
     after = error(train(capture, tmp_path / "long", with_iterations(150), console=quiet()))
-    assert after < 0.5 * before
+    assert after < 0.7 * before  # the head begins in the colours of the views
 
 
 def test_a_taken_folder_and_a_foreign_run_are_refused(capture: Path, trained: Path, tmp_path: Path) -> None:
