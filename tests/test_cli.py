@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from typing import get_args
 
 import pytest
 
-from dynhair.cli import VERBS
+from dynhair.cli import VERBS, StageName
 
 HEAVY = ("torch", "warp", "numpy", "PIL", "rich.progress", "lightning_fabric")
 
@@ -40,3 +41,9 @@ def test_a_missing_capture_is_an_error_not_a_traceback() -> None:
     assert done.returncode == 2
     assert "no/such/capture" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_the_command_line_knows_every_stage() -> None:
+    from dynhair.training import trainer
+
+    assert get_args(StageName) == get_args(trainer.StageName)

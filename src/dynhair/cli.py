@@ -14,7 +14,7 @@ from dynhair.errors import DynhairError
 from dynhair.preprocess.options import ImportOptions, PreprocessOptions
 
 PresetName = Literal["tiny", "small", "medium", "paper"]
-StageName = Literal["static", "dynamic"]
+StageName = Literal["static", "mesh", "dynamic"]
 
 
 def demo(out: Path = Path("demo")) -> None:
