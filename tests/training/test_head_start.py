@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -18,9 +19,8 @@ from dynhair.training.head_start import (
     start_head,
     surface_points,
     tracked_modes,
-    tracked_positions,
 )
-from dynhair.training.surface import tracked_surface
+from dynhair.training.surface import TrackedSurface, tracked_surface
 from synthetic import write_synthetic_capture
 
 CONFIG = HeadConfig(gaussians=600, mouth_gaussians=40, features=4, deformation_width=16, appearance_width=8)
@@ -38,6 +38,10 @@ def on_skin(capture: Capture) -> tuple[Head, Roots]:
     started = start_head(capture, CONFIG, 0)
     assert started.points is not None
     return started.head, started.points
+
+
+def tracked_positions(surface: TrackedSurface, segment: Segment, index: int, points: Roots) -> torch.Tensor:
+    return points.positions(surface.vertices(segment.start + index))
 
 
 def two_triangles() -> tuple[torch.Tensor, torch.Tensor]:
@@ -86,36 +90,36 @@ def test_the_head_starts_where_the_tracking_has_it_and_follows_it(capture: Captu
             assert error.square().mean().sqrt() < 1e-3
 
 
-def test_modes_close_what_opens(capture: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A surface half of which rises with the second coefficient, beside the other half."""
-    surface = tracked_surface(capture)
-    segments, rising = training_segments(capture), torch.arange(1000) % 2 == 0
-    rest = surface.vertices(segments[0].start)
-    expressions = {
-        segment.start + index: capture.track(segment).expressions[index]
-        for segment in segments
-        for index in range(segment.count)
-    }
-    rows = torch.arange(30)
+@dataclass(frozen=True)
+class Rising(TrackedSurface):
+    """A surface that rises by ``lift`` with the second coefficient; ``rest`` is in the head frame."""
+
+    rest: torch.Tensor
+    lift: torch.Tensor
+
+    def vertices(self, frame: int) -> torch.Tensor:
+        segments = training_segments(self.capture)
+        segment = next(segment for segment in segments if frame in segment.frames)
+        pose = head_pose(self.capture.track(segment), frame - segment.start)
+        change = pose.expression[1] - head_pose(self.capture.track(segments[0]), 0).expression[1]
+        return (self.rest + change * self.lift) @ pose.rotation.T + pose.translation
+
+
+def test_modes_close_what_opens(capture: Capture) -> None:
+    own, segments = tracked_surface(capture), training_segments(capture)
+    rest = head_frame(capture.track(segments[0]), 0)(own.vertices(segments[0].start))
+    lift = torch.zeros_like(rest)
+    lift[::2, 1] = 0.02
+    surface = Rising(capture, own.faces, own.scalp, own.follow, rest, lift)
     points = surface_points(rest, surface.faces, 30, 0)
-    lift = torch.where(rising[rows], 0.02, 0.0)
-
-    def raised(_surface: object, segment: Segment, index: int, chosen: Roots) -> torch.Tensor:
-        pose = head_pose(capture.track(segment), index)
-        change = float(expressions[segment.start + index][1] - expressions[segments[0].start][1])
-        lifted = means + change * lift[:, None] * torch.tensor([0.0, 1.0, 0.0])
-        return lifted @ pose.rotation.T + pose.translation
-
-    means = head_frame(capture.track(segments[0]), 0)(points.positions(rest))
-    monkeypatch.setattr("dynhair.training.head_start.tracked_positions", raised)
-    pose = head_pose(capture.track(segments[0]), 0)
+    means, rows, pose = points.positions(rest), torch.arange(30), head_pose(capture.track(segments[0]), 0)
     modes = tracked_modes(surface, capture, points, rows, means, torch.ones(30), pose)
     with torch.no_grad():
         for segment in segments:
             for index in range(segment.count):
                 driven = head_pose(capture.track(segment), index)
                 moved = modes.displaced(means, driven.expression) @ driven.rotation.T + driven.translation
-                assert (moved - raised(surface, segment, index, points)).norm(dim=1).max() < 5e-4
+                assert (moved - tracked_positions(surface, segment, index, points)).norm(dim=1).max() < 5e-4
 
 
 def test_a_capture_without_a_mesh_starts_on_the_registered_head(tmp_path: Path) -> None:

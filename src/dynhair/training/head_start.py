@@ -14,7 +14,7 @@ from dynhair.avatar import ExpressionModes, Head, HeadPose, HeadStart, head_pose
 from dynhair.avatar.branches import expression_weight
 from dynhair.avatar.expression_modes import fitted_modes
 from dynhair.avatar.skinning import Skinning
-from dynhair.capture import Capture, Segment
+from dynhair.capture import Capture
 from dynhair.config import HeadConfig
 from dynhair.prior.evidence import body_depths
 from dynhair.strands import Roots, sample_roots
@@ -180,8 +180,9 @@ def tracked_modes(
         pose = head_pose(capture.track(segment), index)
         with torch.no_grad():
             moved = skinning.world(means[rows], follow[rows], pose)
-        displacements = (tracked_positions(surface, segment, index, points) - moved) @ pose.rotation
-        turned, grown = _facets(surface.vertices(segment.start + index) @ pose.rotation, points)
+        vertices = surface.vertices(segment.start + index)
+        displacements = (points.positions(vertices) - moved) @ pose.rotation
+        turned, grown = _facets(vertices @ pose.rotation, points)
         growth = (grown / areas).log() / 2
         observed.append(
             (pose.expression, displacements, _turn(normals, turned), growth.clamp(-MOST_GROWTH, MOST_GROWTH))
@@ -204,11 +205,6 @@ def _turn(before: Float[Tensor, "m 3"], after: Float[Tensor, "m 3"]) -> Float[Te
     sine = axis.norm(dim=1, keepdim=True)
     angle = torch.atan2(sine, (before * after).sum(1, keepdim=True))
     return torch.where(sine > 0, axis / sine.clamp_min(1e-12) * angle, torch.zeros_like(axis))
-
-
-def tracked_positions(surface: TrackedSurface, segment: Segment, index: int, points: Roots) -> Float[Tensor, "k 3"]:
-    """Where the surface points are in one frame of a segment, world, metres."""
-    return points.positions(surface.vertices(segment.start + index))
 
 
 def mean_spacing(points: Float[Tensor, "k 3"]) -> Float[Tensor, " k"]:

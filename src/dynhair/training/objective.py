@@ -24,7 +24,6 @@ from dynhair.losses import (
 )
 from dynhair.strands import MeshDistance, Roots
 from dynhair.training.batches import Batch
-from dynhair.training.head_start import tracked_positions
 from dynhair.training.surface import tracked_surface
 
 
@@ -91,7 +90,8 @@ class JointObjective(nn.Module):
         posed = self.avatar.posed(pose, window)
         images = self.avatar.render(posed, batch.cameras)
 
-        self._mesh.refit(self._surface.vertices(segment.start + batch.index).to(self._device))
+        surface = self._surface.vertices(segment.start + batch.index).to(self._device)
+        self._mesh.refit(surface)
         generator = torch.Generator().manual_seed(config.seed * 1_000_003 + step)
         points = sample_strand_points(posed.strands, config.penetration_points, generator=generator)
         rest = self.avatar.canonical_strands.detach()
@@ -108,7 +108,7 @@ class JointObjective(nn.Module):
             "elastic": elastic_loss(posed.strands, rest),
         }
         if self._points is not None:
-            tracked = tracked_positions(self._surface, segment, batch.index, self._points).to(self._device)
+            tracked = self._points.positions(surface)
             terms["tracking"] = (posed.head.means[-len(tracked) :] - tracked).square().sum(-1).mean()
         if images.coarse is not None:
             terms["coarse"] = l1_loss(
