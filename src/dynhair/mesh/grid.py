@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 from math import prod
 
 import torch
-from jaxtyping import Float, Int32, Int64
+from jaxtyping import Float, Int32
 from torch import Tensor
 
 from dynhair.errors import DynhairError
@@ -68,15 +67,6 @@ class TetrahedralGrid:
         centres = _lattice(cubes, low) + 0.5
         vertices = start + spacing * torch.cat([corners, centres])
         return cls(vertices, _tetrahedra(cubes).to(low.device), float(spacing))
-
-    def edges(self) -> Int64[Tensor, "e 2"]:
-        """Every edge once, the lesser index first, in rising order."""
-        count = len(self.vertices)
-        keys = []
-        for first, second in combinations(self.tetrahedra.unbind(1), 2):
-            keys.append(torch.unique(torch.minimum(first, second).long() * count + torch.maximum(first, second)))
-        unique = torch.unique(torch.cat(keys))
-        return torch.stack([unique // count, unique % count], dim=1)
 
 
 def _lattice(shape: tuple[int, ...], like: Tensor) -> Tensor:
