@@ -25,6 +25,11 @@ class DeformerConfig:
 
     Attributes:
         history: frames T before the current one that the network sees.
+        signals: what it sees of the motion: ``velocity`` and acceleration, or the absolute ``pose`` (an ablation).
+        acceleration: whether it sees the angular acceleration.
+        gravity: whether it sees the relative direction of gravity.
+        encoder: what embeds the window: an ``lstm``, or an ``mlp`` over all its frames (an ablation).
+        film: whether the embedding scales and shifts the points' features, or is one more feature of each.
         signal_frequencies: octaves of the encoding of motion signals.
         position_frequencies: octaves of the encoding of canonical positions.
         place_frequencies: octaves of the encoding of the place along a strand.
@@ -34,6 +39,11 @@ class DeformerConfig:
     """
 
     history: int = 5
+    signals: Literal["velocity", "pose"] = "velocity"
+    acceleration: bool = True
+    gravity: bool = True
+    encoder: Literal["lstm", "mlp"] = "lstm"
+    film: bool = True
     signal_frequencies: int = 4
     position_frequencies: int = 6
     place_frequencies: int = 4
@@ -49,11 +59,13 @@ class HairConfig:
     Attributes:
         strands: number of strands.
         points: points L of a strand.
+        dynamic: whether it moves against the head; if not, it is rigid.
         deformer: the network that moves it.
     """
 
     strands: int = 1500
     points: int = 32
+    dynamic: bool = True
     deformer: DeformerConfig = field(default_factory=DeformerConfig)
 
 
@@ -155,11 +167,16 @@ class LossWeights:
 
     rgb: float = 2.0
     ssim: float = 0.2
+    perceptual: float = 0.1
+    perceptual_raised: float = 0.6
     segmentation: float = 10.0
     body: float = 5.0
     orientation: float = 1.0
     penetration: float = 100.0
     elastic: float = 50_000.0
+    colour_gradient: float = 0.01
+    colour_spatial: float = 0.01
+    colour_consistency: float = 0.01
     tracking: float = 100.0
 
 
@@ -193,11 +210,18 @@ class TrainingConfig:
     Attributes:
         iterations: steps; a step sees one time step from several views.
         views: views a step.
+        cameras: how many of the capture's cameras are used; all if 0.
         static_every: every so many steps the rest frame's static views are seen, where there are any; never if 0.
         image_size: longer side of the training images, pixels; larger captures are reduced.
         precision: of the networks' hidden layers; ``auto`` is decided by measurement when a run begins, and kept.
         seed: of everything random.
         penetration_points: strand points tested against the head in a step, at most.
+        body_collision: whether they are also kept out of neck and shoulders; the paper's see the head alone.
+        perceptual_every: every so many steps the perceptual distance is measured, with as much more weight.
+        perceptual_crop: side of the random crops that it is measured on, pixels; whole images if 0.
+        perceptual_raised_from: share of the iterations after which its weight is the raised one.
+        colour_neighbours: nearest Gaussians on other strands whose colours are held together.
+        bad_steps: how many steps may be skipped, for want of a finite loss and gradient, before the training stops.
         segmentation_warmup: share of the iterations after which the segmentation weight starts to decay.
         segmentation_floor: share of the segmentation weight that stays.
         checkpoint_every: steps between checkpoints.
@@ -208,11 +232,18 @@ class TrainingConfig:
 
     iterations: int = 4000
     views: int = 2
+    cameras: int = 0
     static_every: int = 8
     image_size: int = 256
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
     seed: int = 0
     penetration_points: int = 2500
+    body_collision: bool = True
+    perceptual_every: int = 4
+    perceptual_crop: int = 96
+    perceptual_raised_from: float = 0.75
+    colour_neighbours: int = 8
+    bad_steps: int = 100
     segmentation_warmup: float = 0.5
     segmentation_floor: float = 0.5
     checkpoint_every: int = 500
@@ -271,7 +302,12 @@ PRESETS: Mapping[str, Config] = {
             appearance_width=256,
         ),
         training=TrainingConfig(
-            iterations=320_000, views=4, image_size=1024, penetration_points=10_000, checkpoint_every=2000
+            iterations=320_000,
+            views=4,
+            image_size=1024,
+            penetration_points=10_000,
+            perceptual_every=1,
+            checkpoint_every=2000,
         ),
     ),
 }
