@@ -1,5 +1,11 @@
 """Losses: pure functions of tensors, each a mean or a sum as the paper has it, without its weight."""
 
+from dynhair.losses.colour import (
+    colour_consistency_loss,
+    colour_gradient_loss,
+    colour_neighbours,
+    colour_spatial_loss,
+)
 from dynhair.losses.orientation import direction_loss, orientation_loss
 from dynhair.losses.perceptual import PerceptualDistance, lpips_loss
 from dynhair.losses.photometric import l1_loss, ssim, ssim_loss, ssim_map
@@ -15,6 +21,10 @@ from dynhair.losses.silhouette import segmentation_loss, segmentation_weight
 
 __all__ = [
     "PerceptualDistance",
+    "colour_consistency_loss",
+    "colour_gradient_loss",
+    "colour_neighbours",
+    "colour_spatial_loss",
     "direction_loss",
     "elastic_loss",
     "grows_in_front",
