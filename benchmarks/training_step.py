@@ -1,125 +1,199 @@
-"""A step of the joint training: milliseconds, the head's share in it, and memory.
+"""A step of the joint training, part by part: milliseconds of forward and backward, and memory.
 
-    python benchmarks/training_step.py [--preset small] [--json FILE]
+    python benchmarks/training_step.py [--preset tiny|small|medium|paper] [--threads 1] [--steps 12] [--json FILE]
 
-On the bundled capture, with strands that hang straight from its scalp. The head is timed alone: forward, backward with
-gradients of the right shapes, and the optimizer's step over its parameters.
+On the bundled capture, with strands that hang straight from its scalp. Where the preset asks for larger images than
+the capture has, those are enlarged and the cameras with them; the head starts from the tracked mesh with the preset's
+number of Gaussians, whatever the preset starts it from.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import os
 import resource
 import statistics
 import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # before torch starts its threads
 
 import torch
+from rich.console import Console
+from rich.table import Table
+from torch import Tensor, nn
+from torch.nn import functional
 
-from dynhair.avatar import Avatar, Hair, ScalpLayer, head_pose
+from dynhair.avatar import Avatar, Hair, ScalpLayer
+from dynhair.avatar import avatar as avatar_module
+from dynhair.avatar.mlp import quick_precision, use_precision
 from dynhair.capture import Capture
-from dynhair.config import preset
+from dynhair.config import PRESETS, Config, preset
 from dynhair.demo import sample_capture
 from dynhair.motion import SignalNormalizer, motion_signals
+from dynhair.render import cpu, kernels
 from dynhair.strands import sample_roots
 from dynhair.threads import keep_large_blocks, large_pieces
-from dynhair.training.batches import Batches
+from dynhair.training import objective as objective_module
+from dynhair.training.batches import Batch, Batches
 from dynhair.training.frames import head_frame, rest_frame, training_segments
 from dynhair.training.head_start import start_head
 from dynhair.training.objective import JointObjective
 from dynhair.training.surface import tracked_surface
-from dynhair.training.trainer import joint_optimizer
+from dynhair.training.trainer import GRADIENT_NORM, joint_optimizer
+from stopwatch import Stopwatch
 
-ROUNDS, REPEATS = 5, 8
+WARM_UP = 2
 HANGING = 0.25  # metres
-PARTS = ("means", "scales", "quats", "opacities", "colours")
+MIB = 2**20
+PROJECTION, BLEND, OPTIMIZER, REST = "projection and binning", "blend", "optimizer", "other losses"
 
 
 @dataclass(frozen=True)
-class Cost:
-    """Medians in milliseconds, their ratio, and the process's peak in MiB."""
+class Part:
+    """Medians over the steps, in milliseconds, and MiB."""
+
+    name: str
+    forward: float
+    backward: float
+    kept: float
+
+    @property
+    def both(self) -> float:
+        return self.forward + self.backward
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A step: medians in milliseconds, memory in MiB.
+
+    Attributes:
+        step: the whole step, without the batch.
+        data: reading and decoding a batch, which in training another thread does meanwhile.
+        parts: what the step consists of.
+        state: parameters, their gradients and Adam's two moments.
+        peak: of the process.
+        sizes: what the step is about.
+    """
 
     step: float
-    head: float
-    share: float
-    gaussians: int
-    peak_memory: float
+    data: float
+    parts: list[Part]
+    state: dict[str, float]
+    peak: float
+    sizes: str
 
 
 def main() -> None:
-    """Print a step's cost."""
+    """Print a step's profile."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--preset", default="small", help="whose sizes are taken")
+    parser.add_argument("--preset", default="small", choices=list(PRESETS), help="whose sizes are taken")
+    parser.add_argument("--threads", type=int, default=1, help="that a step may use")
+    parser.add_argument("--steps", type=int, default=12, help="that are timed")
     parser.add_argument("--json", type=Path, help="file that keeps the figures")
     options = parser.parse_args()
+    torch.set_num_threads(options.threads)
     keep_large_blocks()
     with large_pieces():
-        cost = measured(options.preset)
-    print(
-        f"step {cost.step:.0f} ms, of which head {cost.head:.0f} ms ({cost.share:.0%}, {cost.gaussians} Gaussians); "
-        f"peak {cost.peak_memory:.0f} MiB"
-    )
+        profile = measured(preset(options.preset), options.steps)
+    show(profile, f"preset {options.preset}, threads: {options.threads}")
     if options.json is not None:
-        options.json.write_text(json.dumps(asdict(cost), indent=1) + "\n", encoding="utf-8")
+        options.json.write_text(json.dumps(dataclasses.asdict(profile), indent=1) + "\n", encoding="utf-8")
 
 
-def measured(name: str) -> Cost:
-    """Time steps and heads in turns, so that a busy machine slows both alike."""
-    config = preset(name)
-    settings = replace(config.training, precision="float32")
-    capture = Capture.open(sample_capture())
+def measured(config: Config, steps: int) -> Profile:
+    """Time steps as training does them."""
+    torch.manual_seed(0)
+    capture, settings = Capture.open(sample_capture()), config.training
+    objective = started(capture, config)
+    optimizer = joint_optimizer(objective, settings.rates)
+    segments, size = training_segments(capture), settings.image_size
+    source = Batches(capture, segments, views=settings.views, image_size=size, seed=0)
+    stopwatch, reading, whole = Stopwatch(), [], []
+    watch(stopwatch, objective)
+
+    def step(number: int) -> None:
+        began = time.perf_counter()
+        batch = source.batch(number)
+        reading.append(1e3 * (time.perf_counter() - began))
+        batch = enlarged(batch, size)
+        began = time.perf_counter()
+        with stopwatch.round():
+            with stopwatch.part(REST):
+                result = objective(batch, number)
+            with stopwatch.part(OPTIMIZER):
+                optimizer.zero_grad(set_to_none=True)
+            with stopwatch.part(REST, "backward"):
+                result.loss.backward()
+            with stopwatch.part(OPTIMIZER):
+                nn.utils.clip_grad_norm_(objective.avatar.hair.deformer.parameters(), GRADIENT_NORM)
+                optimizer.step()
+        whole.append(1e3 * (time.perf_counter() - began))
+
+    for number in range(WARM_UP):
+        step(number)
+    for times in (reading, whole, stopwatch.rounds):
+        times.clear()
+    for number in range(WARM_UP, WARM_UP + steps):
+        step(number)
+    medians, step_time, data_time = stopwatch.medians(), statistics.median(whole), statistics.median(reading)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    tensors = [*objective.parameters(), *objective.buffers()]
+    with stopwatch.counting_memory(but={tensor.untyped_storage().data_ptr() for tensor in tensors}):
+        step(0)
+    parts = [
+        Part(
+            name, medians.get((name, "forward"), 0.0), medians.get((name, "backward"), 0.0), stopwatch.kept[name] / MIB
+        )
+        for name in dict.fromkeys(name for name, _ in medians)
+    ]
+    avatar, stored = objective.avatar, max(source.batch(0).rgb.shape[1:3])
+    strands, points = avatar.hair.strands.shape[:2]
+    sizes = (
+        f"{strands} strands of {points} points, {len(avatar.head.means)} Gaussians of the head, {source.views} views "
+        f"of {size} pixels" + ("" if stored == size else f" (read as {stored} and enlarged)")
+    )
+    return Profile(step_time, data_time, parts, state_size(objective), peak, sizes)
+
+
+def watch(stopwatch: Stopwatch, objective: JointObjective) -> None:
+    """Tell the parts of a step apart."""
+    avatar = objective.avatar
+    stopwatch.watch(avatar.hair, "forward", "strands")
+    stopwatch.watch(avatar.hair.deformer, "forward", "deformer")
+    stopwatch.watch(avatar.head, "forward", "head")
+    stopwatch.watch(avatar, "render", "features of the Gaussians")
+    stopwatch.watch(avatar_module, "strand_gaussians", "strand Gaussians")
+    stopwatch.watch(avatar_module, "projected_orientation", "strand directions")
+    stopwatch.watch(avatar.hair, "colours", "harmonics")
+    stopwatch.watch(cpu, "rasterize_cpu", BLEND)
+    stopwatch.watch(cpu, "list_splats", PROJECTION)
+    # the rasterizer's own backward is one function: first the blend's kernel is fetched, then the projection's
+    stopwatch.watch_entry(kernels, "blend_backward", BLEND, "backward")
+    stopwatch.watch_entry(kernels, "project_backward", PROJECTION, "backward")
+    for name, function in list(vars(objective_module).items()):
+        if getattr(function, "__module__", "").startswith("dynhair.losses") and name.endswith("_loss"):
+            stopwatch.watch(objective_module, name, f"loss: {name.removesuffix('_loss')}")
+    stopwatch.watch(objective_module, "agreed_colours", "loss: agreed colours")
+
+
+def started(capture: Capture, config: Config) -> JointObjective:
+    """The objective before its first step, in the precision that training would choose."""
     segments = training_segments(capture)
-    started = start_head(capture, config.head, 0)
-    head = started.head
+    start = start_head(capture, config.head, 0)
     strands = hanging_strands(capture, config.hair.strands, config.hair.points)
     hair = Hair(strands, 0.001, torch.full((3,), 0.3), config.hair.deformer)
     normalizer = SignalNormalizer.fit([motion_signals(capture.track(segment)) for segment in segments])
-    scalp = ScalpLayer.under(strands[:, 0], head.means.detach(), started.scalp)
-    avatar = Avatar(hair, head, normalizer, torch.zeros(3), scalp)
-    objective = JointObjective(avatar, capture, segments, started.points, settings)
-    optimizer = joint_optimizer(objective, settings.rates)
-    source = Batches(capture, segments, views=settings.views, image_size=settings.image_size, seed=0)
-    batches = [source.batch(step) for step in range(REPEATS)]
-    pose = head_pose(capture.track(segments[0]), 0)
-    gradients = [torch.full_like(getattr(head(pose), part), 1e-6) for part in PARTS]
-    head_optimizer = torch.optim.Adam(head.parameters(), lr=0.0, fused=True)
-
-    def step(number: int) -> None:
-        optimizer.zero_grad(set_to_none=True)
-        objective(batches[number], number).loss.backward()
-        optimizer.step()
-
-    def head_alone(_: int) -> None:
-        head_optimizer.zero_grad(set_to_none=True)
-        posed = head(pose)
-        torch.autograd.backward([getattr(posed, part) for part in PARTS], gradients)
-        head_optimizer.step()
-
-    for work in (step, head_alone):
-        median(work)  # warms up
-    times = [(median(step), median(head_alone)) for _ in range(ROUNDS)]
-    whole, part = (statistics.median(column) for column in zip(*times, strict=True))
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    return Cost(whole, part, part / whole, len(head.means), peak)
+    scalp = ScalpLayer.under(strands[:, 0], start.head.means.detach(), start.scalp)
+    avatar = Avatar(hair, start.head, normalizer, torch.zeros(3), scalp)
+    use_precision(avatar, quick_precision(torch.device("cpu")))
+    return JointObjective(avatar, capture, segments, start.points, config.training)
 
 
-def median(work: Callable[[int], None]) -> float:
-    """Milliseconds of one call."""
-    times = []
-    for number in range(REPEATS):
-        began = time.perf_counter()
-        work(number)
-        times.append(1e3 * (time.perf_counter() - began))
-    return statistics.median(times)
-
-
-def hanging_strands(capture: Capture, count: int, points: int) -> torch.Tensor:
+def hanging_strands(capture: Capture, count: int, points: int) -> Tensor:
     """Strands straight down from the scalp in the rest frame, head frame, metres."""
     surface = tracked_surface(capture)
     segment, index = rest_frame(capture)
@@ -127,6 +201,61 @@ def hanging_strands(capture: Capture, count: int, points: int) -> torch.Tensor:
     roots = sample_roots(vertices, surface.faces, surface.scalp, count, 0).positions(vertices)
     down = torch.linspace(0, HANGING, points)[:, None] * torch.tensor([0.0, -1.0, 0.0])
     return roots[:, None] + down
+
+
+def enlarged(batch: Batch, longer: int) -> Batch:
+    """The batch with its images and cameras at another size, if they are smaller."""
+    height, width = batch.rgb.shape[1:3]
+    factor = longer / max(height, width)
+    if factor <= 1:
+        return batch
+    size = round(height * factor), round(width * factor)
+    maps = torch.stack([batch.hair, batch.body, batch.orientation, batch.coherence], 1)
+    planes = functional.interpolate(torch.cat([batch.rgb.movedim(-1, 1), maps], 1), size)
+    return replace(
+        batch,
+        cameras=[camera.resized(size[1], size[0]) for camera in batch.cameras],
+        rgb=planes[:, :3].movedim(1, -1).contiguous(),
+        **{name: planes[:, 3 + k].contiguous() for k, name in enumerate(("hair", "body", "orientation", "coherence"))},
+    )
+
+
+def state_size(objective: JointObjective) -> dict[str, float]:
+    """MiB of the parameters, their gradients and Adam's two moments."""
+    hair, head = objective.avatar.hair, objective.avatar.head
+    owners = {
+        "harmonics": [hair.base_harmonic, hair.higher_harmonics],
+        "deformer": list(hair.deformer.parameters()),
+        "strands": [hair.strands],
+        "head": list(head.parameters()),
+    }
+    return {name: sum(4 * tensor.nbytes for tensor in tensors) / MIB for name, tensors in owners.items()}
+
+
+def show(profile: Profile, title: str) -> None:
+    """Print the table: by part what it keeps for the backward, and its state with gradients and Adam's moments."""
+    table = Table(title=f"{title} (ms, MiB)")
+    table.add_column("part", no_wrap=True)
+    for column in ("forward", "backward", "share", "kept", "state"):
+        table.add_column(column, justify="right")
+    for part in sorted(profile.parts, key=lambda part: -part.both):
+        state = profile.state.get(part.name)
+        table.add_row(
+            part.name,
+            f"{part.forward:.1f}",
+            "" if part.name == OPTIMIZER else f"{part.backward:.1f}",
+            f"{part.both / profile.step:.0%}",
+            f"{part.kept:.0f}",
+            "" if state is None else f"{state:.0f}",
+        )
+    console = Console()
+    console.print(profile.sizes, highlight=False)
+    console.print(table)
+    console.print(
+        f"step {profile.step:.0f} ms, {60_000 / profile.step:.0f} a minute; beside it a batch is read in "
+        f"{profile.data:.0f} ms; peak {profile.peak:.0f} MiB",
+        highlight=False,
+    )
 
 
 if __name__ == "__main__":
