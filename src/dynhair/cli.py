@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 import tyro
 from tyro.conf import Positional, arg, subcommand
 
+from dynhair.ablations import AblationName
 from dynhair.errors import DynhairError
 from dynhair.preprocess.options import ImportOptions, PreprocessOptions
 
@@ -128,6 +129,7 @@ def train(
     seed: int | None = None,
     stages: tuple[StageName, ...] = ("static", "dynamic"),
     hair_init: Path | None = None,
+    ablation: AblationName | None = None,
     resume: bool = False,
 ) -> None:
     """Train an avatar on a capture.
@@ -146,14 +148,15 @@ def train(
             starts from), dynamic the moving avatar with all that it needs. After one of them --resume goes on.
         hair_init: A groom (.hair, .data, .ply, .npz, .abc, .usd) to start the canonical hair from, in the place of
             the strand prior's guess.
+        ablation: Leave one part of the method out, as the paper's tables do.
         resume: Go on with the run in OUT, with its own configuration.
     """
+    from dynhair.ablations import ablated
     from dynhair.config import chosen_config
     from dynhair.training import train as train_avatar
 
-    train_avatar(
-        capture, out, chosen_config(preset, config, iterations, seed), stages=stages, hair_init=hair_init, resume=resume
-    )
+    chosen = ablated(chosen_config(preset, config, iterations, seed), ablation)
+    train_avatar(capture, out, chosen, stages=stages, hair_init=hair_init, resume=resume)
 
 
 def render(

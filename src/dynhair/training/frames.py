@@ -33,6 +33,17 @@ def head_frame(track: HeadTrack, index: int) -> Callable[[Tensor], Tensor]:
     return lambda points: (points - translation) @ rotation
 
 
+def training_cameras(capture: Capture, count: int) -> list[str]:
+    """Names of the cameras that the joint training uses: the ``count`` that the face looks at most; all if 0."""
+    if count == 0:
+        return list(capture.camera_names)
+    segment, index = rest_frame(capture)
+    to_head = head_frame(capture.track(segment), index)
+    centres = {name: to_head(capture.camera(segment.start + index, name).centre) for name in capture.camera_names}
+    frontal = sorted(centres, key=lambda name: -float(centres[name][2] / centres[name].norm()))
+    return sorted(frontal[:count], key=capture.camera_names.index)
+
+
 def hair_mask(capture: Capture, view: View) -> Float[Tensor, "h w"]:
     """The hair's coverage in a view.
 

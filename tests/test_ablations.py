@@ -1,0 +1,47 @@
+"""The named ablations change what they say and nothing else."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import pytest
+
+from dynhair.ablations import ABLATIONS, AblationName, ablated
+from dynhair.config import preset
+
+CHANGES: dict[str, set[str]] = {
+    "pose": {"hair.deformer.signals"},
+    "no-acceleration": {"hair.deformer.acceleration"},
+    "no-gravity": {"hair.deformer.gravity"},
+    "no-elastic": {"training.weights.elastic"},
+    "no-film": {"hair.deformer.film"},
+    "mlp-encoder": {"hair.deformer.encoder"},
+    "no-colour-terms": {
+        "training.weights.colour_gradient",
+        "training.weights.colour_spatial",
+        "training.weights.colour_consistency",
+    },
+    "no-raised-perceptual": {"training.weights.perceptual_raised"},
+    "one-view": {"training.cameras", "training.views", "training.static_every"},
+    "rigid": {"hair.dynamic"},
+    "head-collision": {"training.body_collision"},
+}
+
+
+def flat(value: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    settings: dict[str, Any] = {}
+    for name, item in value.items():
+        settings |= flat(item, f"{prefix}{name}.") if isinstance(item, dict) else {prefix + name: item}
+    return settings
+
+
+@pytest.mark.parametrize("name", ABLATIONS)
+def test_an_ablation_changes_what_it_says(name: AblationName) -> None:
+    full, without = (flat(dataclasses.asdict(config)) for config in (preset("paper"), ablated(preset("paper"), name)))
+    assert {setting for setting in full if full[setting] != without[setting]} == CHANGES[name]
+
+
+def test_every_ablation_is_known() -> None:
+    assert set(CHANGES) == set(ABLATIONS)
+    assert ablated(preset("small"), None) == preset("small")
