@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -13,6 +14,10 @@ from dynhair.avatar import Avatar, AvatarImages, head_pose
 from dynhair.capture import Capture, Segment
 from dynhair.config import TrainingConfig
 from dynhair.losses import (
+    colour_consistency_loss,
+    colour_gradient_loss,
+    colour_neighbours,
+    colour_spatial_loss,
     elastic_loss,
     l1_loss,
     orientation_loss,
@@ -25,6 +30,13 @@ from dynhair.losses import (
 from dynhair.strands import MeshDistance, Roots
 from dynhair.training.batches import Batch
 from dynhair.training.surface import tracked_surface
+
+
+SPATIAL_PARTS = 8
+"""Steps that the pairs of the spatial colour term are shared out among: all of them each step would cost 4 ms."""
+
+SQUARED_HARMONIC = 4 * math.pi
+"""What a squared coefficient of degree 0 is more than the squared colour it stands for."""
 
 
 class StepResult(NamedTuple):
@@ -78,6 +90,12 @@ class JointObjective(nn.Module):
         self.pose_corrections = nn.ParameterList(
             nn.Parameter(torch.zeros(6, device=self._device)) for _ in range(frames)
         )
+        # Fixed, as the deformer's addresses are: the canonical hair hardly moves, and a resumed run sees the same.
+        self._neighbours = (
+            colour_neighbours(self._hair_gaussians(), config.colour_neighbours).to(self._device)
+            if config.weights.colour_spatial > 0
+            else None
+        )
         self._mesh = MeshDistance(self._surface.vertices(segments[0].start).to(self._device), self._surface.faces)
 
     def forward(self, batch: Batch, step: int) -> StepResult:
@@ -114,6 +132,7 @@ class JointObjective(nn.Module):
             terms["coarse"] = l1_loss(
                 images.coarse, reduced(batch.rgb, (images.coarse.shape[1], images.coarse.shape[2]))
             )
+        terms |= self._colour_terms(step)
         decay = segmentation_weight(step, config.iterations, config.segmentation_warmup, config.segmentation_floor)
         scale = {
             "rgb": weights.rgb,
@@ -125,9 +144,32 @@ class JointObjective(nn.Module):
             "penetration": weights.penetration,
             "elastic": weights.elastic,
             "tracking": weights.tracking,
+            "colour_gradient": weights.colour_gradient / SQUARED_HARMONIC,
+            "colour_spatial": weights.colour_spatial / SQUARED_HARMONIC,
+            "colour_consistency": weights.colour_consistency / SQUARED_HARMONIC,
         }
         loss = torch.stack([scale[name] * term for name, term in terms.items()]).sum()
         return StepResult(loss, {name: term.detach() for name, term in terms.items()}, images)
+
+
+    def _colour_terms(self, step: int) -> dict[str, Tensor]:
+        """Coherence of the hair's colours, where it has a weight."""
+        weights, hair = self.config.weights, self.avatar.hair
+        colours = hair.base_harmonic.view(3, len(hair.strands), -1)
+        terms = {}
+        if weights.colour_gradient > 0:
+            terms["colour_gradient"] = colour_gradient_loss(colours)
+        if self._neighbours is not None:
+            part = step % SPATIAL_PARTS
+            terms["colour_spatial"] = colour_spatial_loss(colours, self._neighbours, part=part, parts=SPATIAL_PARTS)
+        if weights.colour_consistency > 0:
+            terms["colour_consistency"] = colour_consistency_loss(colours)
+        return terms
+
+    def _hair_gaussians(self) -> Float[Tensor, "n l 3"]:
+        """Where the canonical hair's Gaussians lie, head frame, metres."""
+        strands = self.avatar.canonical_strands.detach()
+        return (strands[:, 1:] + strands[:, :-1]) / 2
 
 
 def agreed_colours(images: AvatarImages, batch: Batch) -> Float[Tensor, "v h w 3"]:
