@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from dynhair.camera import Camera
 from dynhair.capture import ExpressionBasis, HeadTrack
 from dynhair.config import DeformerConfig, HeadConfig
 from dynhair.errors import DynhairError
-from dynhair.motion import SignalNormalizer
+from dynhair.motion import SignalNormalizer, motion_signals
 
 FRAMES = 5
 
@@ -34,16 +35,24 @@ def head_track(rotations: np.ndarray = TURNING, translation: tuple[float, float,
     )
 
 
+SMALL = DeformerConfig(hidden=8, width=16, history=2)
+
+
 @pytest.fixture
 def avatar() -> Avatar:
     return make_avatar()
 
 
-def make_avatar(super_resolution: int = 1, basis: ExpressionBasis | None = None) -> Avatar:
+def make_avatar(
+    super_resolution: int = 1,
+    basis: ExpressionBasis | None = None,
+    deformer: DeformerConfig = SMALL,
+    dynamic: bool = True,
+) -> Avatar:
     torch.manual_seed(0)
     roots = torch.nn.functional.normalize(torch.randn(20, 3), dim=1) * 0.1
     strands = roots[:, None] + torch.linspace(0, 0.1, 8)[None, :, None] * torch.tensor([0.0, -1.0, 0.3])
-    hair = Hair(strands, 0.002, torch.tensor([0.4, 0.2, 0.1]), DeformerConfig(hidden=8, width=16, history=2))
+    hair = Hair(strands, 0.002, torch.tensor([0.4, 0.2, 0.1]), deformer, dynamic)
     means = torch.nn.functional.normalize(torch.randn(100, 3), dim=1) * 0.09
     config = HeadConfig(
         features=4,
@@ -62,10 +71,9 @@ def make_avatar(super_resolution: int = 1, basis: ExpressionBasis | None = None)
     )
     head = Head(start, means[:5], head_pose(head_track(), 0), config)
     scalp = ScalpLayer.under(strands[:, 0], means, torch.arange(0, 100, 5))
-    normalizer = SignalNormalizer(torch.ones(3), torch.ones(3))
-    avatar = Avatar(hair, head, normalizer, torch.tensor([0.1, 0.2, 0.3]), scalp, basis)
+    avatar = Avatar(hair, head, SignalNormalizer(deformer), torch.tensor([0.1, 0.2, 0.3]), scalp, basis)
     with torch.no_grad():
-        for parameter in avatar.hair.deformer.mlp.parameters():
+        for parameter in avatar.hair.deformer.parameters():
             parameter.copy_(torch.randn_like(parameter) * 0.2)
     return avatar
 
@@ -134,6 +142,76 @@ def test_an_avatar_survives_its_folder(avatar: Avatar, tmp_path: Path) -> None:
     assert loaded.hair.width == avatar.hair.width
     avatar.save(tmp_path / "a")
     assert sorted(p.name for p in (tmp_path / "a").iterdir()) == ["avatar.json", "avatar.safetensors"]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"signals": "pose"},
+        {"signals": "pose", "gravity": False},
+        {"acceleration": False},
+        {"gravity": False},
+        {"encoder": "mlp"},
+        {"film": False},
+    ],
+    ids=str,
+)
+def test_every_kind_of_hair_motion_survives_the_folder(change: dict[str, Any], tmp_path: Path) -> None:
+    avatar, track = make_avatar(deformer=replace(SMALL, **change)).eval(), head_track()
+    avatar.normalizer = SignalNormalizer.fit([motion_signals(track)], avatar.hair.deformer.config)
+    avatar.save(tmp_path / "a")
+    loaded = Avatar.load(tmp_path / "a")
+    strands = avatar.deformed_strands(track, [0, 3])
+    assert torch.equal(loaded.deformed_strands(track, [0, 3]), strands)
+    assert (strands - avatar.canonical_strands).abs().max() > 1e-4
+    assert loaded.hair.deformer.config == avatar.hair.deformer.config
+
+
+@pytest.mark.parametrize(
+    ("change", "blind_to"),
+    [
+        ({}, {"translations"}),
+        ({"acceleration": False}, {"translations"}),
+        ({"gravity": False}, {"translations", "gravity"}),
+        ({"signals": "pose"}, {"fps"}),
+        ({"signals": "pose", "gravity": False}, {"fps", "gravity"}),
+    ],
+    ids=str,
+)
+def test_hair_depends_on_the_chosen_signals_alone(change: dict[str, Any], blind_to: set[str]) -> None:
+    track = head_track()
+    others = {
+        "fps": replace(track, fps=25.0),  # the same poses at other velocities
+        "gravity": replace(track, gravity=np.array([9.81, 0, 0.0])),
+        "translations": replace(track, translations=track.translations + np.arange(FRAMES)[:, None]),
+    }
+    avatar = make_avatar(deformer=replace(SMALL, **change)).eval()
+    avatar.normalizer = SignalNormalizer.fit([motion_signals(others["fps"])], avatar.hair.deformer.config)
+    strands = avatar.deformed_strands(track, [3])
+    blind = {name for name, other in others.items() if torch.equal(avatar.deformed_strands(other, [3]), strands)}
+    assert blind == blind_to
+
+
+def test_rigid_hair_has_no_network_and_survives_the_folder(tmp_path: Path) -> None:
+    avatar, track = make_avatar(dynamic=False).eval(), head_track()
+    assert not list(avatar.hair.deformer.parameters())
+    assert torch.equal(avatar.pose(track, 3).strands, avatar.pose(track, 3, rigid_hair=True).strands)
+    avatar.save(tmp_path / "a")
+    loaded = Avatar.load(tmp_path / "a")
+    assert torch.equal(loaded.deformed_strands(track, [1, 4]), avatar.canonical_strands.expand(2, -1, -1, -1))
+    assert not list(loaded.hair.deformer.parameters())
+
+
+def test_a_folder_that_says_nothing_of_the_hair_motion_has_the_papers(avatar: Avatar, tmp_path: Path) -> None:
+    avatar.save(tmp_path / "a")
+    path = tmp_path / "a" / "avatar.json"
+    description = json.loads(path.read_text())
+    del description["dynamic"]
+    description["deformer"] = {name: description["deformer"][name] for name in ("history", "hidden", "width")}
+    path.write_text(json.dumps(description))
+    loaded = Avatar.load(tmp_path / "a")
+    assert loaded.hair.deformer.config == SMALL
+    assert torch.equal(loaded.deformed_strands(head_track(), [2]), avatar.deformed_strands(head_track(), [2]))
 
 
 def test_damaged_avatars_are_named(avatar: Avatar, tmp_path: Path) -> None:

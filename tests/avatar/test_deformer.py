@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import pytest
 import torch
 from torch.nn import functional
 
@@ -9,6 +12,7 @@ from dynhair.avatar.deformer import DISPLACEMENT_UNIT, POSITION_UNIT, HairDeform
 from dynhair.avatar.encoding import encoded_size, positional_encoding
 from dynhair.avatar.mlp import use_precision
 from dynhair.config import DeformerConfig
+from dynhair.motion import signal_names
 
 CONFIG = DeformerConfig(history=3, position_frequencies=2, place_frequencies=2, hidden=8, width=16, layers=2)
 
@@ -26,18 +30,32 @@ def lively(deformer: HairDeformer) -> HairDeformer:
     return deformer
 
 
+def embedding(deformer: HairDeformer, window: torch.Tensor) -> torch.Tensor:
+    signal = positional_encoding(window, deformer.config.signal_frequencies)
+    if deformer.config.encoder == "lstm":
+        _, (h, _) = deformer.lstm(signal[None], (deformer.h0, deformer.c0))
+        return h[0, 0]
+    x = torch.cat(list(signal))
+    linear = [layer for layer in deformer.window_mlp if isinstance(layer, torch.nn.Linear)]
+    for layer in linear[:-1]:
+        x = functional.leaky_relu(layer.weight @ x + layer.bias)
+    return linear[-1].weight @ x + linear[-1].bias
+
+
 def written_out(deformer: HairDeformer, strands: torch.Tensor, window: torch.Tensor) -> torch.Tensor:
-    """The network point by point: LSTM, FiLM on the encoded position, concatenation, MLP, attenuation."""
+    """The network point by point: embedding, FiLM on the encoded position, concatenation, MLP, attenuation."""
     n, points = strands.shape[:2]
-    h, c = deformer.h0, deformer.c0
-    _, (h, c) = deformer.lstm(positional_encoding(window, CONFIG.signal_frequencies)[None], (h, c))
-    scale, shift = deformer.film(h[0, 0]).chunk(2)
-    position = positional_encoding((strands - strands.mean((0, 1))) / POSITION_UNIT, CONFIG.position_frequencies)
+    config, z = deformer.config, embedding(deformer, window)
+    position = positional_encoding((strands - strands.mean((0, 1))) / POSITION_UNIT, config.position_frequencies)
     result = torch.zeros_like(strands)
     for i in range(n):
         for j in range(points):
-            place = positional_encoding(torch.tensor([j / points], dtype=strands.dtype), CONFIG.place_frequencies)
-            x = torch.cat([position[i, j] * (1 + scale) + shift, place])
+            place = positional_encoding(torch.tensor([j / points], dtype=strands.dtype), config.place_frequencies)
+            if config.film:
+                scale, shift = deformer.film(z).chunk(2)
+                x = torch.cat([position[i, j] * (1 + scale) + shift, place])
+            else:
+                x = torch.cat([position[i, j], place, z])
             for k, layer in enumerate(deformer.mlp):
                 x = layer(x)
                 if k + 1 < len(deformer.mlp):
@@ -46,21 +64,43 @@ def written_out(deformer: HairDeformer, strands: torch.Tensor, window: torch.Ten
     return result
 
 
-def test_folded_network_is_the_papers_in_values_and_gradients() -> None:
+VARIANTS = {
+    "paper": CONFIG,
+    "no acceleration": replace(CONFIG, acceleration=False),
+    "pose": replace(CONFIG, signals="pose"),
+    "no gravity": replace(CONFIG, gravity=False),
+    "no film": replace(CONFIG, film=False),
+    "mlp": replace(CONFIG, encoder="mlp"),
+    "mlp, no film, no gravity": replace(CONFIG, encoder="mlp", film=False, gravity=False),
+}
+
+
+@pytest.mark.parametrize("config", VARIANTS.values(), ids=VARIANTS.keys())
+def test_folded_network_is_the_papers_in_values_and_gradients(config: DeformerConfig) -> None:
     strands = canonical().double()
-    deformer = lively(HairDeformer(strands, CONFIG).double())
-    window = torch.randn(4, 9, generator=torch.Generator().manual_seed(2)).double()
+    deformer = lively(HairDeformer(strands, config).double())
+    size = 3 * len(signal_names(config))
+    window = torch.randn(4, size, generator=torch.Generator().manual_seed(2), dtype=torch.double).requires_grad_()
     expected = written_out(deformer, strands, window)
     actual = deformer(window)
     torch.testing.assert_close(actual, expected)
-    parameters = list(deformer.parameters())
+    inputs = [window, *deformer.parameters()]
     weight = torch.randn(expected.shape, generator=torch.Generator().manual_seed(3)).double()
     for a, b in zip(
-        torch.autograd.grad((actual * weight).sum(), parameters),
-        torch.autograd.grad((expected * weight).sum(), parameters),
+        torch.autograd.grad((actual * weight).sum(), inputs),
+        torch.autograd.grad((expected * weight).sum(), inputs),
         strict=True,
     ):
+        assert a.abs().max() > 0
         torch.testing.assert_close(a, b)
+
+
+def test_both_encoders_are_of_about_the_same_size() -> None:
+    sizes = []
+    for encoder in ("lstm", "mlp"):
+        deformer = HairDeformer(canonical(), DeformerConfig(encoder=encoder))
+        sizes.append(sum(p.numel() for p in deformer.parameters()))
+    assert 0.8 < sizes[1] / sizes[0] < 1.25
 
 
 def test_a_fresh_network_leaves_the_hair_where_it_is() -> None:

@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
+
 import pytest
 import torch
 
+from dynhair.config import DeformerConfig
 from dynhair.errors import DynhairError
-from dynhair.motion import MotionSignals, SignalNormalizer, motion_window, motion_windows
+from dynhair.motion import MotionSignals, SignalNormalizer, motion_window, motion_windows, signal_names
 
 
 def signals(count: int = 20, seed: int = 0, scale: float = 3.0) -> MotionSignals:
     generator = torch.Generator().manual_seed(seed)
-    omega, alpha, gravity = torch.randn(3, count, 3, generator=generator)
-    return MotionSignals(scale * omega, 10 * scale * alpha, torch.nn.functional.normalize(gravity, dim=-1))
+    omega, alpha, gravity, rotation, translation = torch.randn(5, count, 3, generator=generator)
+    return MotionSignals(
+        omega=scale * omega,
+        alpha=10 * scale * alpha,
+        gravity=torch.nn.functional.normalize(gravity, dim=-1),
+        rotation=scale * rotation,
+        translation=scale * translation + torch.tensor([1.0, 2.0, 3.0]),
+    )
+
+
+def still() -> MotionSignals:
+    rest = torch.zeros(4, 3)
+    return MotionSignals(rest, rest, torch.tensor([[0.0, -1.0, 0.0]]).expand(4, 3), rest, rest)
 
 
 def test_the_training_set_fills_the_range_of_every_axis() -> None:
@@ -37,8 +51,7 @@ def test_faster_motion_than_in_training_is_clamped() -> None:
 
 
 def test_an_axis_that_never_moves_stays_at_zero() -> None:
-    still = MotionSignals(torch.zeros(4, 3), torch.zeros(4, 3), torch.tensor([[0.0, -1.0, 0.0]]).expand(4, 3))
-    conditions = SignalNormalizer.fit([still])(still)
+    conditions = SignalNormalizer.fit([still()])(still())
     assert conditions[:, :6].abs().max() == 0
 
 
@@ -46,6 +59,38 @@ def test_noise_on_a_still_axis_is_not_magnified() -> None:
     noise = signals(scale=1e-3)
     conditions = SignalNormalizer.fit([noise])(noise)
     assert conditions[:, :6].abs().max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("config", "names"),
+    [
+        (DeformerConfig(), ("omega", "alpha", "gravity")),
+        (DeformerConfig(acceleration=False), ("omega", "gravity")),
+        (DeformerConfig(gravity=False), ("omega", "alpha")),
+        (DeformerConfig(signals="pose"), ("rotation", "translation", "gravity")),
+        (DeformerConfig(signals="pose", gravity=False), ("rotation", "translation")),
+    ],
+    ids=["paper", "no acceleration", "no gravity", "pose", "pose alone"],
+)
+def test_conditions_hold_what_is_chosen_and_nothing_else(config: DeformerConfig, names: tuple[str, ...]) -> None:
+    train = signals()
+    normalizer = SignalNormalizer.fit([train], config)
+    conditions = normalizer(train)
+    assert signal_names(config) == names
+    assert conditions.shape == (20, 3 * len(names))
+    for field in fields(MotionSignals):
+        other = replace(train, **{field.name: signals(seed=1).gravity})
+        seen = not torch.equal(normalizer(other), conditions)
+        assert seen == (field.name in names), field.name
+
+
+def test_poses_fill_the_range_about_the_mean_position() -> None:
+    train = signals()
+    conditions = SignalNormalizer.fit([train], DeformerConfig(signals="pose"))(train)
+    torch.testing.assert_close(conditions[:, :3], train.rotation / train.rotation.abs().amax(0))
+    centred = train.translation - train.translation.mean(0)
+    torch.testing.assert_close(conditions[:, 3:6], centred / centred.abs().amax(0))
+    torch.testing.assert_close(conditions[:, 6:], train.gravity)
 
 
 def test_the_state_survives_saving() -> None:

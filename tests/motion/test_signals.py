@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -111,3 +113,11 @@ def test_tracks_that_cannot_be_read() -> None:
         motion_signals(track(wandering(3), gravity=(0.0, 0.0, 0.0)))
     with pytest.raises(DynhairError, match="frame rate"):
         motion_signals(track(wandering(3), fps=0.0))
+
+
+def test_the_pose_is_told_in_the_world() -> None:
+    rotations = wandering(6)
+    moved = replace(track(rotations), translations=np.random.default_rng(0).normal(size=(6, 3)))
+    signals = motion_signals(moved)
+    np.testing.assert_allclose(signals.rotation, rotations.as_rotvec(), atol=1e-6)
+    np.testing.assert_allclose(signals.translation, moved.translations, atol=1e-6)

@@ -34,7 +34,7 @@ def make_objective(capture: Capture, settings: TrainingConfig = SETTINGS) -> tup
     started = start_head(capture, head, 0)
     strands = started.head.means.detach()[-10:, None] + torch.linspace(0, 0.05, 6)[None, :, None]
     hair = Hair(strands, 0.002, torch.full((3,), 0.3), DeformerConfig(hidden=8, width=16, history=2))
-    avatar = Avatar(hair, started.head, SignalNormalizer(torch.ones(3), torch.ones(3)), torch.zeros(3))
+    avatar = Avatar(hair, started.head, SignalNormalizer(), torch.zeros(3))
     batches = Batches(capture, segments, views=2, image_size=48, seed=0)
     return JointObjective(avatar, capture, segments, started.points, settings), batches
 

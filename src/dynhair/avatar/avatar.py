@@ -14,6 +14,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from dynhair.avatar.deformer import HairDeformer
 from dynhair.avatar.expression_modes import ExpressionModes
 from dynhair.avatar.hair import Hair
 from dynhair.avatar.head import Head, HeadGaussians, HeadStart
@@ -24,7 +25,7 @@ from dynhair.camera import Camera
 from dynhair.capture import ExpressionBasis, HeadTrack
 from dynhair.config import DeformerConfig, HeadConfig
 from dynhair.errors import DynhairError
-from dynhair.motion import MotionSignals, SignalNormalizer, motion_signals, motion_window
+from dynhair.motion import SignalNormalizer, motion_signals, motion_window
 from dynhair.render import Gaussians, rasterize
 from dynhair.storage import atomic_folder, read_json, write_json
 from dynhair.strands import decode_orientation, projected_orientation, root_taper, strand_gaussians
@@ -110,14 +111,11 @@ class Avatar(nn.Module):
         """The hairstyle at rest in the head frame, metres."""
         return self.hair(None)
 
-    def conditions(self, track: HeadTrack) -> Float[Tensor, "f 9"]:
+    def conditions(self, track: HeadTrack) -> Float[Tensor, "f c"]:
         """Normalised motion conditions of a whole track, on the avatar's device."""
-        signals, device = motion_signals(track), self.background.device
-        return self.normalizer(
-            MotionSignals(signals.omega.to(device), signals.alpha.to(device), signals.gravity.to(device))
-        )
+        return self.normalizer(motion_signals(track).to(self.background.device))
 
-    def window(self, conditions: Float[Tensor, "f 9"], frame: int) -> Float[Tensor, "t 9"]:
+    def window(self, conditions: Float[Tensor, "f c"], frame: int) -> Float[Tensor, "t c"]:
         """The conditions that the hair of ``frame`` depends on."""
         return motion_window(conditions, frame, self.hair.deformer.config.history)
 
@@ -141,7 +139,7 @@ class Avatar(nn.Module):
         window = None if rigid_hair else self.window(self.conditions(track), frame)
         return self.posed(head_pose(track, frame, self.background.device), window)
 
-    def posed(self, pose: HeadPose, window: Float[Tensor, "t 9"] | None) -> PosedAvatar:
+    def posed(self, pose: HeadPose, window: Float[Tensor, "t c"] | None) -> PosedAvatar:
         """The avatar in a given pose, with hair under the given motion conditions (None: rigid)."""
         strands = self.hair(window) @ pose.rotation.T + pose.translation
         return PosedAvatar(strands, self.head(pose))
@@ -233,6 +231,7 @@ class Avatar(nn.Module):
             "version": SCHEMA_VERSION,
             "strand_width": self.hair.width,
             "expression_size": self.head.expression_size,
+            "dynamic": isinstance(self.hair.deformer, HairDeformer),
             "deformer": dataclasses.asdict(self.hair.deformer.config),
             "head": dataclasses.asdict(self.head.config),
             "expression_basis": None if self.expression_basis is None else self.expression_basis.to_json(),
@@ -277,19 +276,16 @@ class Avatar(nn.Module):
 
     @classmethod
     def _like(cls, description: dict[str, Any], tensors: dict[str, Tensor]) -> Avatar:
-        hair = Hair(
-            tensors["hair.deformer.addresses"],
-            float(description["strand_width"]),
-            torch.zeros(3),
-            DeformerConfig(**description["deformer"]),
-        )
+        dynamic, deformer = description.get("dynamic", True), DeformerConfig(**description["deformer"])
+        strands = tensors["hair.deformer.addresses"] if dynamic else tensors["hair.strands"]
+        hair = Hair(strands, float(description["strand_width"]), torch.zeros(3), deformer, dynamic)
         rest = HeadPose(torch.eye(3), torch.zeros(3), torch.zeros(3), torch.zeros(int(description["expression_size"])))
         coefficients, rows, _ = tensors["head.modes.offsets"].shape
         modes = ExpressionModes.blank(len(rest.expression), coefficients, rows)
         start = HeadStart.blank(len(tensors["head.means"]), modes)
         head = Head(start, torch.zeros(1, 3), rest, HeadConfig(**description["head"]))
         scalp = ScalpLayer.blank(*tensors["scalp.strands"].shape)
-        normalizer = SignalNormalizer(torch.ones(3), torch.ones(3))
+        normalizer = SignalNormalizer(deformer)
         basis = description["expression_basis"]
         if basis is not None:
             basis = ExpressionBasis(basis["name"], tuple(basis.get("names", ())))

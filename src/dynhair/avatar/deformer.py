@@ -12,8 +12,8 @@ from dynhair.avatar.chunked import PointLayer, evaluate_chunked
 from dynhair.avatar.encoding import encoded_size, positional_encoding
 from dynhair.avatar.mlp import PointNetwork
 from dynhair.config import DeformerConfig
+from dynhair.motion import signal_names
 
-CONDITIONS = 9  # angular velocity, angular acceleration, relative gravity
 POSITION_UNIT = 0.15  # metres; canonical positions are encoded in this unit, the size of a head
 DISPLACEMENT_UNIT = 0.1  # metres; about one canonical unit of the face models, in which the paper's network predicts
 
@@ -23,7 +23,8 @@ class HairDeformer(PointNetwork):
 
     An LSTM with learnable initial state embeds the encoded window; the embedding scales and shifts (FiLM) the encoded
     canonical position of each point; together with the encoded place along the strand, an MLP turns it into a
-    displacement, attenuated towards the root by learnable factors.
+    displacement, attenuated towards the root by learnable factors. The paper's ablations (table 2) put an MLP in the
+    place of the LSTM, or the embedding beside the point's features in the place of FiLM.
 
     The canonical positions that the network sees are those at construction. They are the points' fixed addresses:
     when the canonical hair is optimised or edited later, a point keeps its motion.
@@ -47,12 +48,23 @@ class HairDeformer(PointNetwork):
         self.register_buffer("addresses", canonical.clone())
         self.register_buffer("code", torch.cat([position, place], -1).flatten(0, 1), persistent=False)
 
-        signal_size = encoded_size(CONDITIONS, config.signal_frequencies)
-        self.lstm = nn.LSTM(signal_size, config.hidden, batch_first=True)
-        self.h0 = nn.Parameter(torch.zeros(1, 1, config.hidden))
-        self.c0 = nn.Parameter(torch.zeros(1, 1, config.hidden))
-        self.film = nn.Linear(config.hidden, 2 * position.shape[-1])
-        sizes = (self.code.shape[-1], *[config.width] * config.layers, 3)
+        signal_size = encoded_size(3 * len(signal_names(config)), config.signal_frequencies)
+        if config.encoder == "lstm":
+            self.lstm = nn.LSTM(signal_size, config.hidden, batch_first=True)
+            self.h0 = nn.Parameter(torch.zeros(1, 1, config.hidden))
+            self.c0 = nn.Parameter(torch.zeros(1, 1, config.hidden))
+        else:  # three layers have about as many weights as the LSTM
+            self.window_mlp = nn.Sequential(
+                nn.Linear((config.history + 1) * signal_size, config.hidden),
+                nn.LeakyReLU(),
+                nn.Linear(config.hidden, config.hidden),
+                nn.LeakyReLU(),
+                nn.Linear(config.hidden, config.hidden),
+            )
+        if config.film:
+            self.film = nn.Linear(config.hidden, 2 * position.shape[-1])
+        features = self.code.shape[-1] + (0 if config.film else config.hidden)
+        sizes = (features, *[config.width] * config.layers, 3)
         self.mlp = nn.ModuleList([nn.Linear(a, b) for a, b in itertools.pairwise(sizes)])
         last = self.mlp[-1]
         assert isinstance(last, nn.Linear)
@@ -60,20 +72,32 @@ class HairDeformer(PointNetwork):
         nn.init.zeros_(last.bias)
         self.root_attenuation = nn.Parameter(torch.linspace(0.05, 1.0, self.points))
 
-    def forward(self, window: Float[Tensor, "t 9"]) -> Float[Tensor, "n l 3"]:
+    def forward(self, window: Float[Tensor, "t c"]) -> Float[Tensor, "n l 3"]:
         """Displacements, metres, in the head frame.
 
         Args:
             window: normalised conditions of the frames ``t - T .. t``, oldest first.
         """
-        signal = positional_encoding(window, self.config.signal_frequencies)[None]
-        _, (embedding, _) = self.lstm(signal, (self.h0, self.c0))
-        scale, shift = self.film(embedding[0, 0]).chunk(2)
         first, *rest = [PointLayer(layer.weight, layer.bias) for layer in self.mlp if isinstance(layer, nn.Linear)]
-        # FiLM acts on the first layer's input alone, so it folds into it: W (f (1 + s) + b) = (W (1 + s)) f + W b.
-        on_position, on_place = first.weight.split([len(scale), self.code.shape[-1] - len(scale)], dim=1)
-        modulated = torch.cat([on_position * (1 + scale), on_place], dim=1)
-        layers = [PointLayer(modulated, first.bias + on_position @ shift), *rest]
+        layers = [self._conditioned(first, self._embedding(window)), *rest]
         moved = evaluate_chunked(self.code, layers, self.dtype)
         moved = moved.view(self.strands, self.points, 3)
         return moved * (DISPLACEMENT_UNIT * self.root_attenuation)[:, None]
+
+    def _embedding(self, window: Float[Tensor, "t c"]) -> Float[Tensor, " hidden"]:
+        signal = positional_encoding(window, self.config.signal_frequencies)
+        if self.config.encoder == "mlp":
+            return self.window_mlp(signal.flatten())
+        _, (embedding, _) = self.lstm(signal[None], (self.h0, self.c0))
+        return embedding[0, 0]
+
+    def _conditioned(self, first: PointLayer, embedding: Float[Tensor, " hidden"]) -> PointLayer:
+        """The first layer under one embedding, which all points share: it folds into weights and bias."""
+        if not self.config.film:
+            on_points, on_embedding = first.weight.split([self.code.shape[-1], len(embedding)], dim=1)
+            return PointLayer(on_points, first.bias + on_embedding @ embedding)
+        # FiLM acts on this layer's input alone: W (f (1 + s) + b) = (W (1 + s)) f + W b.
+        scale, shift = self.film(embedding).chunk(2)
+        on_position, on_place = first.weight.split([len(scale), self.code.shape[-1] - len(scale)], dim=1)
+        modulated = torch.cat([on_position * (1 + scale), on_place], dim=1)
+        return PointLayer(modulated, first.bias + on_position @ shift)

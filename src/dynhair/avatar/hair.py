@@ -12,6 +12,14 @@ from dynhair.config import DeformerConfig
 from dynhair.strands import smooth_strands
 
 
+class RigidDeformer(nn.Module):
+    """In the place of the network where the hair only follows the head; it has no parameters."""
+
+    def __init__(self, config: DeformerConfig) -> None:
+        super().__init__()
+        self.config = config
+
+
 class Hair(nn.Module):
     """Strands that move with the head and against it (paper, "Modeling Dynamic Hair").
 
@@ -19,7 +27,8 @@ class Hair(nn.Module):
         canonical: strands at rest in the head frame, metres, root first.
         width: width of a strand, metres.
         colour: initial colour, in [0, 1].
-        deformer: sizes of the deformation network.
+        deformer: kind and sizes of the deformation network.
+        dynamic: whether there is such a network; without it the hair is rigid (paper, "Rigid Hair").
     """
 
     def __init__(
@@ -28,23 +37,25 @@ class Hair(nn.Module):
         width: float,
         colour: Float[Tensor, "3"],
         deformer: DeformerConfig,
+        dynamic: bool = True,
     ) -> None:
         super().__init__()
         self.width = width
         self.strands = nn.Parameter(canonical.clone())
-        self.deformer = HairDeformer(canonical, deformer)
+        self.deformer = HairDeformer(canonical, deformer) if dynamic else RigidDeformer(deformer)
         count = canonical.shape[0] * (canonical.shape[1] - 1)
         self.base_harmonic = nn.Parameter(constant_coefficient(colour)[None, :, None].repeat(1, 1, count))
         self.higher_harmonics = nn.Parameter(torch.zeros(COEFFICIENTS - 1, 3, count))
 
-    def forward(self, window: Float[Tensor, "t 9"] | None) -> Float[Tensor, "n l 3"]:
+    def forward(self, window: Float[Tensor, "t c"] | None) -> Float[Tensor, "n l 3"]:
         """Strands in the head frame, metres.
 
         Args:
             window: normalised motion conditions; None holds the hair rigid.
         """
         # The low-pass of supplement B, "Dynamic training stage"; the rigid hair gets it too, so that the two compare.
-        moved = self.strands if window is None else self.strands + self.deformer(window)
+        rigid = window is None or isinstance(self.deformer, RigidDeformer)
+        moved = self.strands if rigid else self.strands + self.deformer(window)
         return smooth_strands(moved)
 
     def colours(self, means: Float[Tensor, "g 3"], eyes: Float[Tensor, "v 3"]) -> Float[Tensor, "v g 3"]:

@@ -1,6 +1,6 @@
 """Head motion: the signals that drive the hair."""
 
-from dynhair.motion.normalization import SignalNormalizer
+from dynhair.motion.normalization import SignalNormalizer, signal_names
 from dynhair.motion.rotations import so3_exp, so3_log
 from dynhair.motion.signals import MotionSignals, motion_signals
 from dynhair.motion.windows import motion_window, motion_windows
@@ -11,6 +11,7 @@ __all__ = [
     "motion_signals",
     "motion_window",
     "motion_windows",
+    "signal_names",
     "so3_exp",
     "so3_log",
 ]

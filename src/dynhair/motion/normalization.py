@@ -8,56 +8,76 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from dynhair.config import DeformerConfig
 from dynhair.errors import DynhairError
 from dynhair.motion.signals import MotionSignals
 
-OMEGA_FLOOR = 0.05
-"""rad/s: an axis that never turned faster than this in the training set is not magnified any further."""
+FLOORS = {"omega": 0.05, "alpha": 0.5, "rotation": 0.05, "translation": 0.01}
+"""rad/s, rad/s^2, rad, metres: an axis whose range in the training set is below this is not magnified any further."""
 
-ALPHA_FLOOR = 0.5
-"""rad/s^2: the same for the angular acceleration."""
+
+def signal_names(config: DeformerConfig) -> tuple[str, ...]:
+    """Which of the :class:`MotionSignals` the hair sees, in the order of the conditions' columns.
+
+    The paper's are angular velocity, angular acceleration and gravity; the others are its ablations (table 2).
+    """
+    if config.signals == "pose":
+        motion = ("rotation", "translation")
+    else:
+        motion = ("omega", "alpha") if config.acceleration else ("omega",)
+    return (*motion, "gravity") if config.gravity else motion
 
 
 class SignalNormalizer(nn.Module):
     """Divides motion signals by their largest magnitudes in the training set (paper, "Motion conditioning").
 
-    The maxima are per axis of the head. An axis that hardly moved would turn tracking noise into full-scale conditions,
-    so maxima are never less than a physical floor. The maxima are buffers: they are saved with the model.
+    The maxima are per axis. An axis that hardly moved would turn tracking noise into full-scale conditions, so maxima
+    are never less than a physical floor. Gravity is a direction and stays as it is; translations count from their mean.
+    All that is buffers, saved with the model; a fresh normalizer divides by one.
 
     Args:
-        omega_max: largest angular velocity about each axis, rad/s; 1 if not given.
-        alpha_max: largest angular acceleration about each axis, rad/s^2; 1 if not given.
+        config: which signals the hair sees; the paper's by default.
     """
 
-    omega_max: Tensor
-    alpha_max: Tensor
-
-    def __init__(
-        self, omega_max: Float[Tensor, "3"] | None = None, alpha_max: Float[Tensor, "3"] | None = None
-    ) -> None:
+    def __init__(self, config: DeformerConfig | None = None) -> None:
         super().__init__()
-        ones = torch.ones(3)
-        self.register_buffer("omega_max", (ones if omega_max is None else omega_max).clamp_min(OMEGA_FLOOR))
-        self.register_buffer("alpha_max", (ones if alpha_max is None else alpha_max).clamp_min(ALPHA_FLOOR))
+        self.names = signal_names(config or DeformerConfig())
+        for name in self.names:
+            if name in FLOORS:
+                self.register_buffer(f"{name}_max", torch.ones(3))
+        if "translation" in self.names:
+            self.register_buffer("translation_mean", torch.zeros(3))
 
     @classmethod
-    def fit(cls, signals: Sequence[MotionSignals]) -> SignalNormalizer:
+    def fit(cls, signals: Sequence[MotionSignals], config: DeformerConfig | None = None) -> SignalNormalizer:
         """Take the maxima over the motions of the training set.
 
         Args:
             signals: the motion of each training segment.
+            config: which signals the hair sees; the paper's by default.
 
         Raises:
             DynhairError: there are none.
         """
         if not signals:
             raise DynhairError("no motion to normalise by", expected="at least one training segment")
-        omega = torch.cat([s.omega for s in signals]).abs().amax(dim=0)
-        alpha = torch.cat([s.alpha for s in signals]).abs().amax(dim=0)
-        return cls(omega, alpha)
+        normalizer = cls(config)
+        if "translation" in normalizer.names:
+            normalizer.get_buffer("translation_mean").copy_(torch.cat([s.translation for s in signals]).mean(0))
+        for name in normalizer.names:
+            if name in FLOORS:
+                largest = torch.cat([normalizer._centred(s, name) for s in signals]).abs().amax(0)
+                normalizer.get_buffer(f"{name}_max").copy_(largest.clamp_min(FLOORS[name]))
+        return normalizer
 
-    def forward(self, signals: MotionSignals) -> Float[Tensor, "f 9"]:
-        """Concatenate omega and alpha (both clamped to [-1, 1]) and gravity, frame by frame."""
-        omega = (signals.omega / self.omega_max).clamp(-1, 1)
-        alpha = (signals.alpha / self.alpha_max).clamp(-1, 1)
-        return torch.cat([omega, alpha, signals.gravity], dim=-1)
+    def forward(self, signals: MotionSignals) -> Float[Tensor, "f c"]:
+        """Concatenate the signals frame by frame, all but gravity scaled and clamped to [-1, 1]."""
+        return torch.cat([self._scaled(signals, name) for name in self.names], dim=-1)
+
+    def _scaled(self, signals: MotionSignals, name: str) -> Float[Tensor, "f 3"]:
+        values = self._centred(signals, name)
+        return (values / self.get_buffer(f"{name}_max")).clamp(-1, 1) if name in FLOORS else values
+
+    def _centred(self, signals: MotionSignals, name: str) -> Float[Tensor, "f 3"]:
+        values = getattr(signals, name)
+        return values - self.get_buffer("translation_mean") if name == "translation" else values

@@ -1,8 +1,8 @@
-"""What the head's motion does to the hair: angular velocity, angular acceleration and relative gravity."""
+"""What moves the hair: the head's angular velocity, angular acceleration, relative gravity, and pose."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import torch
 from jaxtyping import Float
@@ -15,17 +15,25 @@ from dynhair.motion.rotations import so3_log
 
 @dataclass(frozen=True)
 class MotionSignals:
-    """The motion of a head over one segment, in the head's own frame.
+    """The motion of a head over one segment.
 
     Attributes:
-        omega: angular velocity, rad/s.
-        alpha: angular acceleration, rad/s^2.
-        gravity: unit direction of gravity.
+        omega: angular velocity in the head's frame, rad/s.
+        alpha: angular acceleration in the head's frame, rad/s^2.
+        gravity: unit direction of gravity in the head's frame.
+        rotation: head-local to world, as a rotation vector (axis times angle, radians).
+        translation: position of the head frame's origin in the world, metres.
     """
 
     omega: Float[Tensor, "f 3"]
     alpha: Float[Tensor, "f 3"]
     gravity: Float[Tensor, "f 3"]
+    rotation: Float[Tensor, "f 3"]
+    translation: Float[Tensor, "f 3"]
+
+    def to(self, device: torch.device | str) -> MotionSignals:
+        """The same signals on a device."""
+        return MotionSignals(*[getattr(self, field.name).to(device) for field in fields(self)])
 
 
 def motion_signals(track: HeadTrack) -> MotionSignals:
@@ -68,6 +76,8 @@ def motion_signals(track: HeadTrack) -> MotionSignals:
         omega=(to_head @ omega[..., None]).squeeze(-1).float(),
         alpha=(to_head @ alpha[..., None]).squeeze(-1).float(),
         gravity=direction.float(),
+        rotation=so3_log(rotations).float(),
+        translation=torch.as_tensor(track.translations, dtype=torch.float32),
     )
 
 

@@ -153,9 +153,10 @@ class _Training:
         checkpoint = Checkpoint.read(self.run.checkpoint) if self.run.checkpoint.exists() else None
         torch.manual_seed(seed + 1)
         strands = resample_strands(strands, self.config.hair.points)
-        hair = Hair(strands, strand_width(len(strands)), self._hair_colour(), self.config.hair.deformer)
+        deformer = self.config.hair.deformer
+        hair = Hair(strands, strand_width(len(strands)), self._hair_colour(), deformer, self.config.hair.dynamic)
         use_precision(hair, self._precision)
-        normalizer = SignalNormalizer.fit([motion_signals(self.capture.track(s)) for s in self.segments])
+        normalizer = SignalNormalizer.fit([motion_signals(self.capture.track(s)) for s in self.segments], deformer)
         background = torch.from_numpy(self.capture.background).float()
         layer = ScalpLayer.under(strands[:, 0], head.means.detach(), started.scalp)
         basis = self.capture.expression_basis
