@@ -6,6 +6,7 @@ from dynhair.losses.colour import (
     colour_neighbours,
     colour_spatial_loss,
 )
+from dynhair.losses.crops import Crop, perceptual_crop_loss, random_crops
 from dynhair.losses.orientation import direction_loss, orientation_loss
 from dynhair.losses.perceptual import PerceptualDistance, lpips_loss
 from dynhair.losses.photometric import l1_loss, ssim, ssim_loss, ssim_map
@@ -20,6 +21,7 @@ from dynhair.losses.regularizers import (
 from dynhair.losses.silhouette import segmentation_loss, segmentation_weight
 
 __all__ = [
+    "Crop",
     "PerceptualDistance",
     "colour_consistency_loss",
     "colour_gradient_loss",
@@ -34,6 +36,8 @@ __all__ = [
     "orientation_loss",
     "pca_consistency_loss",
     "penetration_loss",
+    "perceptual_crop_loss",
+    "random_crops",
     "sample_strand_points",
     "segmentation_loss",
     "segmentation_weight",

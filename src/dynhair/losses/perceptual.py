@@ -112,6 +112,8 @@ class PerceptualDistance(nn.Module):
         self.register_buffer("_mean", torch.tensor(_MEAN))
         self.register_buffer("_deviation", torch.tensor(_DEVIATION))
         self.requires_grad_(False)
+        # Images come with channels last. With kernels laid out like them a CPU takes half as long.
+        nn.utils.convert_conv2d_weight_memory_format(self, torch.channels_last)
 
     _mean: Tensor
     _deviation: Tensor
