@@ -14,6 +14,7 @@ from dynhair.avatar import Avatar, AvatarImages, head_pose
 from dynhair.capture import Capture, Segment
 from dynhair.config import TrainingConfig
 from dynhair.losses import (
+    PerceptualDistance,
     colour_consistency_loss,
     colour_gradient_loss,
     colour_neighbours,
@@ -22,6 +23,8 @@ from dynhair.losses import (
     l1_loss,
     orientation_loss,
     penetration_loss,
+    perceptual_crop_loss,
+    random_crops,
     sample_strand_points,
     segmentation_loss,
     segmentation_weight,
@@ -30,7 +33,6 @@ from dynhair.losses import (
 from dynhair.strands import MeshDistance, Roots
 from dynhair.training.batches import Batch
 from dynhair.training.surface import tracked_surface
-
 
 SPATIAL_PARTS = 8
 """Steps that the pairs of the spatial colour term are shared out among: all of them each step would cost 4 ms."""
@@ -63,6 +65,7 @@ class JointObjective(nn.Module):
         points: where the head's last Gaussians lie on the tracked surface, which they then are held to; None for
             nowhere.
         config: weights, iterations, seed.
+        perceptual: what ``L_vgg`` is measured by; None leaves the term out.
     """
 
     def __init__(
@@ -72,10 +75,12 @@ class JointObjective(nn.Module):
         segments: Sequence[Segment],
         points: Roots | None,
         config: TrainingConfig,
+        perceptual: PerceptualDistance | None = None,
     ) -> None:
         super().__init__()
         self.avatar = avatar
         self.config = config
+        self._perceptual = (perceptual,)  # not a part of what is trained and saved
         self._capture = capture
         self._segments = segments
         self._points = points
@@ -133,11 +138,17 @@ class JointObjective(nn.Module):
                 images.coarse, reduced(batch.rgb, (images.coarse.shape[1], images.coarse.shape[2]))
             )
         terms |= self._colour_terms(step)
+        perceptual, every = self._perceptual[0], config.perceptual_every
+        if perceptual is not None and step % every == 0:
+            crops = random_crops(batch.hair + batch.body, config.perceptual_crop, generator=generator)
+            terms["perceptual"] = perceptual_crop_loss(perceptual, rgb, batch.rgb, crops)
+        raised = step >= config.perceptual_raised_from * config.iterations
         decay = segmentation_weight(step, config.iterations, config.segmentation_warmup, config.segmentation_floor)
         scale = {
             "rgb": weights.rgb,
             "coarse": weights.rgb,
             "ssim": weights.ssim,
+            "perceptual": every * (weights.perceptual_raised if raised else weights.perceptual),
             "segmentation": weights.segmentation * decay,
             "body": weights.body,
             "orientation": weights.orientation,
@@ -150,7 +161,6 @@ class JointObjective(nn.Module):
         }
         loss = torch.stack([scale[name] * term for name, term in terms.items()]).sum()
         return StepResult(loss, {name: term.detach() for name, term in terms.items()}, images)
-
 
     def _colour_terms(self, step: int) -> dict[str, Tensor]:
         """Coherence of the hair's colours, where it has a weight."""

@@ -3,47 +3,42 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
 import torch
 from jaxtyping import Float
-from lightning_fabric import Fabric
 from rich.console import Console
 from torch import Tensor
-from torch.utils.tensorboard.writer import SummaryWriter
 
 from dynhair.avatar import Avatar, Hair, ScalpLayer
 from dynhair.avatar.mesh_head import MeshHead
 from dynhair.avatar.mlp import quick_precision, use_precision
 from dynhair.capture import Capture
-from dynhair.config import Config, LearningRates
+from dynhair.config import Config
 from dynhair.errors import DynhairError
 from dynhair.motion import SignalNormalizer, motion_signals
 from dynhair.progress import StageProgress
 from dynhair.strands import Roots, resample_strands
 from dynhair.strands.files import read_strands
 from dynhair.threads import keep_large_blocks, large_pieces
-from dynhair.training.batches import Batches, load_batch
+from dynhair.training.batches import load_batch
 from dynhair.training.checkpoint import Checkpoint
 from dynhair.training.frames import rest_frame, training_segments
 from dynhair.training.head_on_mesh import start_head_on_mesh
 from dynhair.training.head_start import start_head
-from dynhair.training.interruption import interruptible
+from dynhair.training.joint_training import JointTraining
+from dynhair.training.memory import DYNAMIC_SETTINGS, MESH_SETTINGS, STATIC_SETTINGS, explained_shortage
 from dynhair.training.mesh_stage import MeshStage
 from dynhair.training.objective import JointObjective
-from dynhair.training.previews import preview_picture, write_preview
+from dynhair.training.processes import Processes
 from dynhair.training.run import Run, read_hair, write_hair
-from dynhair.training.schedule import falling_rate
 from dynhair.training.static_hair import StaticStage, strand_width
 
 StageName = Literal["static", "mesh", "dynamic"]
 STAGES: tuple[StageName, ...] = ("static", "dynamic")
 """What leads to an avatar; the dynamic stage does the mesh stage first where the head is to begin on its surface."""
-
-GRADIENT_NORM = 1.0  # of the deformer: a step early in training cannot throw the hair far
 
 
 def train(
@@ -59,7 +54,8 @@ def train(
     """Train an avatar on a capture.
 
     Every state of the run lies in ``out``: after a kill at any moment, ``resume`` goes on and ends with the same avatar
-    as an uninterrupted run on the same machine.
+    as an uninterrupted run on the same machine. Started by torchrun, several processes share the views of each step of
+    the dynamic stage, and the result is that of one process but for rounding.
 
     Args:
         capture: the capture's folder; training reads its training segments alone, and never its ground truth.
@@ -77,39 +73,52 @@ def train(
         The trained avatar; None if the dynamic stage is not asked for.
 
     Raises:
+        KeyboardInterrupt: Ctrl-C was pressed; what was done is saved.
         DynhairError: the capture does not have what training needs; the groom is not readable; ``out`` is taken, is no
-            run to resume, or is to be resumed with another groom.
+            run to resume, or is to be resumed with another groom; processes cannot share the views evenly; memory or
+            disk do not suffice; too many steps had to be skipped, or too many images cannot be read.
     """
-    out, console = Path(out), console or Console()
+    out, groom = Path(out), None if hair_init is None else Path(hair_init)
     data = Capture.open(capture)
+    processes = Processes()
+    if not processes.first:
+        console = Console(quiet=True)
+    console = console or Console()
+    if not resume and processes.first:
+        if groom is not None:
+            read_strands(groom)  # an unreadable groom is refused before there is a run
+        Run.create(out, data.path, _with_precision(config or Config()), groom)
+    processes.wait()
+    run = Run.open(out)
     if resume:
-        run = Run.open(out)
-        if run.capture != data.path.resolve():
-            raise DynhairError(
-                f"the run was trained on {run.capture}", path=out, expected=str(data.path), mend="name that capture"
-            )
-        if hair_init is not None:
-            raise DynhairError(
-                "a run that goes on keeps the hair that it began with",
-                path=out,
-                expected="no groom",
-                mend="leave out --hair-init, or begin another run",
-            )
-    else:
-        if hair_init is not None:
-            read_strands(Path(hair_init))  # an unreadable groom is refused before there is a run
-        run = Run.create(
-            out, data.path, _with_precision(config or Config()), None if hair_init is None else Path(hair_init)
-        )
+        _require_same(run, data, groom)
     keep_large_blocks()
     with large_pieces(), StageProgress(console).shown() as progress:
-        training = _Training(run, data, progress, console)
+        training = _Training(run, data, processes, progress, console)
         if "mesh" in stages:
             training.mesh_head()
         if "static" in stages or "dynamic" in stages:
             strands = training.canonical_hair()
             return training.finish(strands) if "dynamic" in stages else None
         return None
+
+
+def _require_same(run: Run, capture: Capture, groom: Path | None) -> None:
+    """Refuse to go on with a run on another capture or from another groom."""
+    if run.capture != capture.path.resolve():
+        raise DynhairError(
+            f"the run was trained on {run.capture}",
+            path=run.path,
+            expected=str(capture.path),
+            mend="name that capture",
+        )
+    if groom is not None:
+        raise DynhairError(
+            "a run that goes on keeps the hair that it began with",
+            path=run.path,
+            expected="no groom",
+            mend="leave out --hair-init, or begin another run",
+        )
 
 
 def _with_precision(config: Config) -> Config:
@@ -124,21 +133,29 @@ def _with_precision(config: Config) -> Config:
 class _Training:
     """One run's stages, each skipped where the run has its result already."""
 
-    def __init__(self, run: Run, capture: Capture, progress: StageProgress, console: Console) -> None:
-        self.run, self.capture, self.progress, self.console = run, capture, progress, console
+    def __init__(
+        self, run: Run, capture: Capture, processes: Processes, progress: StageProgress, console: Console
+    ) -> None:
+        self.run, self.capture, self.processes = run, capture, processes
+        self.progress, self.console = progress, console
         self.config = run.config
         self.segments = training_segments(capture)
-        self.fabric = Fabric(accelerator="auto", devices=1)
         self._precision = {"bfloat16": torch.bfloat16}.get(self.config.training.precision)
 
     def finish(self, strands: Float[Tensor, "n l 3"]) -> Avatar:
         """The dynamic stage, beginning with the canonical hair."""
-        avatar, points, checkpoint = self._start(strands)
-        avatar.to(self.fabric.device)
-        objective = JointObjective(avatar, self.capture, self.segments, points, self.config.training)
-        self._train_jointly(objective, checkpoint)
+        self.processes.share(min(self.config.training.views, len(self.capture.camera_names)))
+        with explained_shortage("the joint training", self.config, DYNAMIC_SETTINGS):
+            avatar, points, checkpoint = self._start(strands)
+            avatar.to(self.processes.device)
+            objective = JointObjective(avatar, self.capture, self.segments, points, self.config.training)
+            JointTraining(
+                objective, self.run, self.capture, self.segments, self.processes, self.progress, self.console
+            ).finish(checkpoint)
         avatar = objective.avatar.eval()
-        avatar.save(self.run.avatar)
+        if self.processes.first:
+            avatar.save(self.run.avatar)
+        self.processes.wait()
         return avatar
 
     def _start(self, strands: Tensor) -> tuple[Avatar, Roots | None, Checkpoint | None]:
@@ -163,18 +180,26 @@ class _Training:
         return Avatar(hair, head, normalizer, background, layer, basis), started.points, checkpoint
 
     def mesh_head(self) -> MeshHead:
-        """The mesh stage's head."""
-        return MeshStage(self.run, self.capture, self.progress, self.console, self.fabric.device).finish()
+        """The mesh stage's head, made by the first process while the others wait."""
+        with explained_shortage("the mesh stage", self.config, MESH_SETTINGS):
+            stage = MeshStage(self.run, self.capture, self.progress, self.console, self.processes.device)
+            head = stage.finish() if self.processes.first else None
+            self.processes.wait()
+            return head or stage.finish()
 
     def canonical_hair(self) -> Float[Tensor, "n 200 3"]:
-        """The static stage's strands, head frame, metres."""
+        """The static stage's strands, head frame, metres, made by the first process while the others wait."""
         strands = read_hair(self.run.canonical_hair)
-        if strands is None:
+        if strands is None and self.processes.first:
             segment, index = rest_frame(self.capture)
             if self.capture.view(segment.start + index, self.capture.camera_names[0]).orientation is None:
                 self.console.print("No orientation maps: strands follow the silhouettes alone.", highlight=False)
-            strands = StaticStage(self.run, self.capture, self.progress, self.console).finish()
+            with explained_shortage("the static stage", self.config, STATIC_SETTINGS):
+                strands = StaticStage(self.run, self.capture, self.progress, self.console).finish()
             write_hair(strands, self.run.canonical_hair)
+        self.processes.wait()
+        strands = read_hair(self.run.canonical_hair) if strands is None else strands
+        assert strands is not None
         return strands
 
     def _hair_colour(self) -> Float[Tensor, "3"]:
@@ -184,82 +209,3 @@ class _Training:
         batch = load_batch(self.capture, [segment], 0, index, self.capture.camera_names, size)
         inside = batch.hair > 0.9
         return batch.rgb[inside].mean(0) if inside.any() else torch.full((3,), 0.3)
-
-    def _train_jointly(self, objective: JointObjective, checkpoint: Checkpoint | None) -> None:
-        settings = self.config.training
-        optimizer = joint_optimizer(objective, settings.rates)
-        first = 0
-        if checkpoint is not None:
-            checkpoint.restore(objective, optimizer)
-            first = checkpoint.step
-        rates = [group["lr"] for group in optimizer.param_groups]
-        model, fabric_optimizer = self.fabric.setup(objective, optimizer)
-        batches = Batches(
-            self.capture,
-            self.segments,
-            views=settings.views,
-            image_size=settings.image_size,
-            seed=settings.seed,
-            static_every=settings.static_every,
-        )
-        stage = self.progress.stage("hair and head together", settings.iterations, first)
-        began = time.monotonic()
-        with SummaryWriter(self.run.log, purge_step=first) as log, interruptible() as interruption:
-            for step, batch in enumerate(batches.from_step(first, settings.iterations), first):
-                for group, rate in zip(optimizer.param_groups, rates, strict=True):
-                    group["lr"] = rate * falling_rate(step, settings.iterations)
-                result = model(batch.to(self.fabric.device), step)
-                fabric_optimizer.zero_grad(set_to_none=True)
-                self.fabric.backward(result.loss)
-                torch.nn.utils.clip_grad_norm_(objective.avatar.hair.deformer.parameters(), GRADIENT_NORM)
-                fabric_optimizer.step()
-                done = step + 1
-                if done % 10 == 0 or done == settings.iterations:
-                    loss, speed = float(result.loss.detach()), (done - first) / (time.monotonic() - began)
-                    stage.update(done, f"loss {loss:.4f}, {speed:.1f} it/s")
-                    log.add_scalar("loss", loss, done)
-                    log.add_scalar("iterations per second", speed, done)
-                    for name, term in result.terms.items():
-                        log.add_scalar(f"terms/{name}", float(term), done)
-                if done % settings.preview_every == 0:
-                    picture = preview_picture(result.images, batch)
-                    log.add_image("truth above, avatar below", picture, done, dataformats="HWC")
-                    write_preview(picture, self.run.preview)
-                finished = done == settings.iterations
-                if done % settings.checkpoint_every == 0 or finished or interruption.requested:
-                    Checkpoint.of(done, objective, optimizer).write(self.run.checkpoint)
-                if interruption.requested and not finished:
-                    self.console.print(f"Stopped after step {done}; go on with --resume.", highlight=False)
-                    raise KeyboardInterrupt
-
-
-def joint_optimizer(objective: JointObjective, rates: LearningRates) -> torch.optim.Adam:
-    """Adam with a learning rate for each kind of parameter.
-
-    Its epsilon is Adam's own: the 1e-15 of Gaussian splatting makes full steps of the faintest gradients, and what no
-    camera faces takes on random colours.
-    """
-    avatar = objective.avatar
-    hair, head = avatar.hair, avatar.head
-    own = {
-        "strands": [hair.strands],
-        "hair_colour": [hair.base_harmonic],
-        "hair_gloss": [hair.higher_harmonics],
-        "deformer": list(hair.deformer.parameters()),
-        "head_means": [head.means],
-        "head_modes": list(head.modes.parameters()),
-        "head_features": [head.features],
-        "head_scales": [head.log_scales],
-        "head_rotations": [head.quats],
-        "head_opacity": [head.opacity_logits],
-        "head_colour": [head.base_colours],
-        "head_follow": [] if head.follow_logits is None else [head.follow_logits],
-        "body_response": list(head.skinning.parameters()),
-        "scalp_cover": list(avatar.scalp.parameters()),
-        "pose_correction": list(objective.pose_corrections),
-        "super_resolution": [] if avatar.super_resolution is None else list(avatar.super_resolution.parameters()),
-    }
-    taken = {id(parameter) for parameters in own.values() for parameter in parameters}
-    own["head_networks"] = [parameter for parameter in objective.parameters() if id(parameter) not in taken]
-    groups = [{"params": parameters, "lr": getattr(rates, name)} for name, parameters in own.items() if parameters]
-    return torch.optim.Adam(groups, fused=True)
