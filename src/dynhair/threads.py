@@ -52,6 +52,12 @@ def run(tasks: Iterable[Callable[[], None]]) -> None:
             done.result()
 
 
+def shares(count: int) -> list[tuple[int, int]]:
+    """Contiguous ranges of ``range(count)``, one for each thread that :func:`run` would use."""
+    parts = max(min(thread_count(), count), 1)
+    return [(count * part // parts, count * (part + 1) // parts) for part in range(parts)]
+
+
 def keep_large_blocks() -> None:
     """Ask glibc to reuse large blocks of memory instead of mapping fresh pages for each tensor.
 

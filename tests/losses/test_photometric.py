@@ -98,3 +98,23 @@ def test_l1_is_the_mean_absolute_difference() -> None:
     expected = np.mean([abs(a - b) for a, b in zip(first.flatten().tolist(), second.flatten().tolist(), strict=True)])
     assert l1_loss(first, second).item() == pytest.approx(expected)
     assert torch.autograd.gradcheck(l1_loss, (first[:2, :2].clone().requires_grad_(), second[:2, :2]))
+
+
+@pytest.mark.parametrize("shape", [(2, 40, 33, 3), (11, 11, 1), (1, 12, 30, 2), (13, 14, 3)])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_the_compiled_similarity_has_the_value_and_the_gradient_of_the_plain_one(
+    shape: tuple[int, ...], threads: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dynhair.threads.thread_count", lambda: threads)
+    generator = torch.Generator().manual_seed(1)
+    target = torch.rand(shape, generator=generator)
+    image = (target + 0.1 * torch.randn(shape, generator=generator)).clamp(0, 1)
+    quick, plain = image.clone().requires_grad_(), image.double().requires_grad_()
+    ssim(quick, target).backward()
+    (3 * ssim(plain, target.double())).backward()
+    assert quick.grad is not None
+    assert plain.grad is not None
+    assert ssim(image, target).item() == pytest.approx(ssim(image.double(), target.double()).item(), abs=1e-6)
+    torch.testing.assert_close(
+        3 * quick.grad.double(), plain.grad, rtol=1e-4, atol=1e-5 * float(plain.grad.abs().max())
+    )
