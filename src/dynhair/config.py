@@ -36,6 +36,8 @@ class DeformerConfig:
         hidden: size of the LSTM's state.
         width: size of the MLP's hidden layers.
         layers: number of the MLP's hidden layers.
+        knots: points of a strand that the network is evaluated at, a spline in between; all points if 0. The paper's
+            is 0. On a trained avatar 8 of 32 cost a quarter and differ by 2.5 % of the motion's RMS.
     """
 
     history: int = 5
@@ -50,6 +52,7 @@ class DeformerConfig:
     hidden: int = 128
     width: int = 128
     layers: int = 2
+    knots: int = 8
 
 
 @dataclass(frozen=True)
@@ -280,7 +283,7 @@ PRESETS: Mapping[str, Config] = {
     ),
     "small": Config(training=TrainingConfig(weights=_PERCEPTUAL)),
     "medium": Config(
-        hair=HairConfig(strands=5000, points=40),
+        hair=HairConfig(strands=5000, points=40, deformer=DeformerConfig(knots=12)),
         static=StaticConfig(encoder_iterations=400, iterations=4000, views=4, weights=StaticWeights(perceptual=0.01)),
         head=HeadConfig(
             gaussians=60_000, mouth_gaussians=1500, features=64, deformation_width=128, appearance_width=64
@@ -288,7 +291,7 @@ PRESETS: Mapping[str, Config] = {
         training=TrainingConfig(iterations=40_000, views=4, image_size=512, checkpoint_every=1000, weights=_PERCEPTUAL),
     ),
     "paper": Config(
-        hair=HairConfig(strands=11_000, points=40, deformer=DeformerConfig(hidden=256, width=256, layers=4)),
+        hair=HairConfig(strands=11_000, points=40, deformer=DeformerConfig(hidden=256, width=256, layers=4, knots=0)),
         static=StaticConfig(
             encoder_iterations=1200,
             iterations=5000,
@@ -314,7 +317,9 @@ PRESETS: Mapping[str, Config] = {
             image_size=1024,
             penetration_points=10_000,
             perceptual_every=1,
+            perceptual_crop=256,
             checkpoint_every=2000,
+            weights=_PERCEPTUAL,
         ),
     ),
 }
