@@ -121,7 +121,7 @@ def open_image(path: Path) -> Iterator[Image.Image]:
             yield image
     except FileNotFoundError:
         raise DynhairError("the file is missing", path=path) from None
-    except DynhairError:
+    except (DynhairError, MemoryError):
         raise
     except UnidentifiedImageError:
         raise _unreadable(path, "is not an image") from None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ from dynhair.errors import DynhairError
 from dynhair.storage import read_json
 
 DEFAULT_CACHE_BYTES = 1 << 30
+_CACHED_CAMERAS = 4096  # of 2 kB each; every frame has its own
 
 
 class Capture:
@@ -42,7 +43,7 @@ class Capture:
         self.manifest = manifest
         self.image_size = self._stored_size() if layout.lowres else manifest.image_size
         self._views = ViewReader(layout, self.image_size, on_black=manifest.background is None, cache_bytes=cache_bytes)
-        self._cameras: dict[Path, Camera] = {}
+        self._camera = lru_cache(_CACHED_CAMERAS)(self._read_camera)
         self._tracks: dict[Segment, HeadTrack] = {}
 
     @classmethod
@@ -153,6 +154,12 @@ class Capture:
         """
         return self._views.read([self._files(frame, name) for frame, name in requests])
 
+    def attempt_views(self, frame: int | None, names: Sequence[str]) -> list[View | DynhairError]:
+        """Read views of one frame, or static views if it is None; for one that cannot be read, why."""
+        if frame is not None:
+            return self._views.attempt([self._files(frame, name) for name in names])
+        return self._views.attempt([self._static_files(name) for name in names])
+
     @cached_property
     def static_names(self) -> tuple[str, ...]:
         """The views around the motionless head; empty if there are none."""
@@ -175,8 +182,7 @@ class Capture:
         Raises:
             DynhairError: as for `view`.
         """
-        self._require(name, self.static_names)
-        return self._views.read([ViewFiles(self.layout.static_images, name)])[0]
+        return self._views.read([self._static_files(name)])[0]
 
     def track(self, segment: Segment) -> HeadTrack:
         """Read the head's motion over a segment.
@@ -280,6 +286,10 @@ class Capture:
         self._require(name, self.camera_names)
         return ViewFiles(self.layout.frame_images(frame), name)
 
+    def _static_files(self, name: str) -> ViewFiles:
+        self._require(name, self.static_names)
+        return ViewFiles(self.layout.static_images, name)
+
     def _require(self, name: str, names: tuple[str, ...]) -> None:
         if name not in names:
             raise DynhairError(f"no view is called `{name}`", path=self.path, expected=" or ".join(names) or "none")
@@ -291,11 +301,7 @@ class Capture:
             raise DynhairError("has no image_lowres_* files", path=folder, mend="open the capture at full size")
         return read_size(path)
 
-    def _camera(self, path: Path) -> Camera:
-        camera = self._cameras.get(path)
-        if camera is None:
-            arrays = read_npz(path, {"extrinsic": (3, 4), "intrinsic": (3, 3)})
-            w2c, K = (torch.from_numpy(arrays[key].astype(np.float32)) for key in ("extrinsic", "intrinsic"))
-            camera = Camera(w2c, K, *self.manifest.image_size).resized(*self.image_size)
-            self._cameras[path] = camera
-        return camera
+    def _read_camera(self, path: Path) -> Camera:
+        arrays = read_npz(path, {"extrinsic": (3, 4), "intrinsic": (3, 3)})
+        w2c, K = (torch.from_numpy(arrays[key].astype(np.float32)) for key in ("extrinsic", "intrinsic"))
+        return Camera(w2c, K, *self.manifest.image_size).resized(*self.image_size)

@@ -43,16 +43,35 @@ class ViewReader:
         self.cache: ByteCache[ViewFiles, EncodedView] = ByteCache(cache_bytes)
 
     def read(self, views: Sequence[ViewFiles]) -> list[View]:
-        """Read views, decoding in parallel those that are not in memory."""
-        found = {view: self.cache.get(view) for view in views}
+        """Read views, decoding in parallel those that are not in memory.
+
+        Raises:
+            DynhairError: one of them cannot be read.
+        """
+        found = self.attempt(views)
+        for view in found:
+            if isinstance(view, DynhairError):
+                raise view
+        return [view for view in found if isinstance(view, View)]
+
+    def attempt(self, views: Sequence[ViewFiles]) -> list[View | DynhairError]:
+        """Read views as `read` does; what cannot be read is given as the error that says why."""
+        found: dict[ViewFiles, EncodedView | DynhairError | None] = {view: self.cache.get(view) for view in views}
         missing = [view for view, encoded in found.items() if encoded is None]
         workers = min(len(missing), os.cpu_count() or 1)
         if workers > 1:
             with ThreadPoolExecutor(workers) as pool:
-                found.update(zip(missing, pool.map(self._load, missing), strict=True))
+                found.update(zip(missing, pool.map(self._attempt, missing), strict=True))
         elif missing:
-            found.update((view, self._load(view)) for view in missing)
-        return [encoded.decoded() for view in views if (encoded := found[view]) is not None]
+            found.update((view, self._attempt(view)) for view in missing)
+        loaded = [found[view] for view in views]
+        return [item.decoded() if isinstance(item, EncodedView) else item for item in loaded if item is not None]
+
+    def _attempt(self, view: ViewFiles) -> EncodedView | DynhairError:
+        try:
+            return self._load(view)
+        except DynhairError as error:
+            return error
 
     def _load(self, view: ViewFiles) -> EncodedView:
         mask = self._read_map(view, "mask", read_mask)

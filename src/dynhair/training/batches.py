@@ -1,12 +1,13 @@
-"""Which frame and views each training step sees, and their images: a pure function of the seed and the step."""
+"""Which frame and views each training step sees, and their images: a pure function of seed, step and readable files."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from itertools import cycle, islice
 
 import torch
 from jaxtyping import Float
@@ -15,8 +16,12 @@ from torch.nn import functional
 
 from dynhair.camera import Camera
 from dynhair.capture import Capture, Segment, View
+from dynhair.errors import DynhairError
 from dynhair.training.frames import hair_mask
 from dynhair.training.static_views import static_view_names
+
+MOST_BROKEN = 0.1
+"""Training stops once more than this share of the views cannot be read."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,8 @@ class Batch:
         body: coverage by head and upper body in [0, 1].
         orientation: hair's angle in [0, 1) of pi; zeros without orientation maps.
         coherence: confidence of the angle in [0, 1]; zeros without orientation maps.
+        names: of the views.
+        first: place of the first of them among all views of the step, of which another process may have the others.
     """
 
     segment: int
@@ -42,6 +49,8 @@ class Batch:
     body: Float[Tensor, "v h w"]
     orientation: Float[Tensor, "v h w"]
     coherence: Float[Tensor, "v h w"]
+    names: Sequence[str] = ()
+    first: int = 0
 
     def to(self, device: torch.device) -> Batch:
         """The batch on another device."""
@@ -57,12 +66,14 @@ class Choice:
         segment: index among the training segments.
         index: frame inside the segment.
         names: of the views.
+        spare: the frame's other views, in the order in which they stand in for those that cannot be read.
         static: whether these are static views.
     """
 
     segment: int
     index: int
     names: list[str]
+    spare: list[str]
     static: bool
 
 
@@ -73,6 +84,9 @@ class Batches:
     Now and then a step sees the rest frame from its static views: what no camera of the motions faces (a back, a nape)
     would be left to the noise of gradients otherwise.
 
+    Where several processes share a step, each reads all its views, so that all know which of them cannot be read, and
+    keeps its own.
+
     Args:
         capture: the images.
         segments: the training segments.
@@ -80,6 +94,9 @@ class Batches:
         image_size: longer side of the images, pixels; larger images are reduced.
         seed: of the order.
         static_every: every so many steps the static views are seen, where the capture has them; never if 0.
+        share: of the number of views, the part that batches hold; all of them by default.
+        report: told of each view that cannot be read, when it is first met, and the step goes on with other views of
+            the frame; without it such a view is an error.
     """
 
     def __init__(
@@ -91,6 +108,8 @@ class Batches:
         image_size: int,
         seed: int,
         static_every: int = 0,
+        share: Callable[[int], slice] = slice,
+        report: Callable[[DynhairError], None] | None = None,
     ) -> None:
         self.capture = capture
         self.segments = segments
@@ -101,28 +120,32 @@ class Batches:
         self._static_names = static_view_names(capture) if static_every and self._rest is not None else []
         self._static_every = static_every
         self._frames = [(s, i) for s, segment in enumerate(segments) for i in range(segment.count)]
+        self._own = share(self.views)
+        self._report = report
+        self._broken: set[tuple[int | None, str]] = set()
 
     def choice(self, step: int) -> Choice:
         """What a step sees."""
         if self._rest is not None and self._static_names and (step + 1) % self._static_every == 0:
-            return Choice(*self._rest, self._drawn(self._static_names, step), static=True)
+            return Choice(*self._rest, *self._drawn(self._static_names, step), static=True)
         epoch, position = divmod(step, len(self._frames))
         order = torch.randperm(len(self._frames), generator=self._generator(2 * epoch))
         segment, index = self._frames[int(order[position])]
-        return Choice(segment, index, self._drawn(self.capture.camera_names, step), static=False)
+        return Choice(segment, index, *self._drawn(self.capture.camera_names, step), static=False)
 
     def batch(self, step: int) -> Batch:
-        """The batch of a step."""
+        """The batch of a step.
+
+        Raises:
+            DynhairError: a view cannot be read, and there is nobody to report it to; or too many views cannot be read,
+                or all of the frame.
+        """
         chosen = self.choice(step)
-        return load_batch(
-            self.capture,
-            self.segments,
-            chosen.segment,
-            chosen.index,
-            chosen.names,
-            self.image_size,
-            static=chosen.static,
+        views = self._readable(chosen)[self._own]
+        batch = _assembled(
+            self.capture, self.segments, chosen.segment, chosen.index, views, self.image_size, static=chosen.static
         )
+        return dataclasses.replace(batch, first=self._own.start or 0)
 
     def from_step(self, step: int, stop: int) -> Iterator[Batch]:
         """The batches of steps ``step .. stop - 1``, each read while the one before is in use."""
@@ -134,9 +157,51 @@ class Batches:
                 upcoming = reader.submit(self.batch, following) if following < stop else None
                 yield batch
 
-    def _drawn(self, names: Sequence[str], step: int) -> list[str]:
-        order = torch.randperm(len(names), generator=self._generator(2 * step + 1))[: self.views]
-        return [names[int(view)] for view in order]
+    def _drawn(self, names: Sequence[str], step: int) -> tuple[list[str], list[str]]:
+        """The views of a step, and the others in random order."""
+        order = torch.randperm(len(names), generator=self._generator(2 * step + 1))
+        drawn = [names[int(view)] for view in order]
+        return drawn[: self.views], drawn[self.views :]
+
+    def _readable(self, chosen: Choice) -> list[tuple[str, View]]:
+        """The chosen views with their names, spare ones in the place of those that cannot be read.
+
+        Where too few are left, some are taken twice, so that processes have even shares.
+        """
+        frame = None if chosen.static else self.segments[chosen.segment].start + chosen.index
+        waiting = [name for name in (*chosen.names, *chosen.spare) if (frame, name) not in self._broken]
+        count, found = len(chosen.names), list[tuple[str, View]]()
+        while len(found) < count and waiting:
+            missing = count - len(found)
+            tried, waiting = waiting[:missing], waiting[missing:]
+            for name, view in zip(tried, self.capture.attempt_views(frame, tried), strict=True):
+                if isinstance(view, DynhairError):
+                    self._set_aside(frame, name, view)
+                else:
+                    found.append((name, view))
+        if not found:
+            where = "static view" if frame is None else f"view of frame {frame}"
+            raise DynhairError(
+                f"no {where} can be read",
+                path=self.capture.path,
+                mend="`dynhair check` names the damaged files: write them again, or leave out the frame",
+            )
+        return list(islice(cycle(found), self.views))
+
+    def _set_aside(self, frame: int | None, name: str, error: DynhairError) -> None:
+        """Note a view that cannot be read."""
+        if self._report is None:
+            raise error
+        self._broken.add((frame, name))
+        self._report(error)
+        views = len(self._frames) * len(self.capture.camera_names) + len(self._static_names)
+        if len(self._broken) > max(1, MOST_BROKEN * views):
+            raise DynhairError(
+                f"{len(self._broken)} of {views} views cannot be read, the last for this: {error.message}",
+                path=error.path,
+                expected=f"at most {MOST_BROKEN:.0%} of them",
+                mend="`dynhair check` names the damaged files: write them again, then go on with --resume",
+            ) from error
 
     def _generator(self, stream: int) -> torch.Generator:
         return torch.Generator().manual_seed(self.seed * 1_000_003 + stream)
@@ -159,14 +224,32 @@ def load_batch(
     """
     frame = segments[segment].start + index
     if static:
-        views, seen_by = [capture.static_view(name) for name in names], capture.static_camera
+        views = [capture.static_view(name) for name in names]
     else:
-        views, seen_by = capture.views([(frame, name) for name in names]), partial(capture.camera, frame)
+        views = capture.views([(frame, name) for name in names])
+    return _assembled(
+        capture, segments, segment, index, list(zip(names, views, strict=True)), image_size, static=static
+    )
+
+
+def _assembled(
+    capture: Capture,
+    segments: Sequence[Segment],
+    segment: int,
+    index: int,
+    views: Sequence[tuple[str, View]],
+    image_size: int,
+    *,
+    static: bool,
+) -> Batch:
+    """A batch of views with their names."""
+    seen_by = capture.static_camera if static else partial(capture.camera, segments[segment].start + index)
     width, height = _reduced(capture.image_size, image_size)
-    maps = [_maps(capture, view, (height, width)) for view in views]
+    maps = [_maps(capture, view, (height, width)) for _, view in views]
     rgb, hair, body, orientation, coherence = (torch.stack(items) for items in zip(*maps, strict=True))
+    names = [name for name, _ in views]
     cameras = [seen_by(name).resized(width, height) for name in names]
-    return Batch(segment, index, cameras, rgb, hair, body, orientation, coherence)
+    return Batch(segment, index, cameras, rgb, hair, body, orientation, coherence, names)
 
 
 def _place(segments: Sequence[Segment], frame: int) -> tuple[int, int] | None:
