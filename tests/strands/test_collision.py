@@ -73,6 +73,30 @@ def test_a_mesh_that_is_open_below_and_has_parts_inside() -> None:
     check(vertices, faces, points, MeshDistance(vertices, faces))
 
 
+def test_the_nearest_face_holds_the_nearest_point() -> None:
+    vertices, faces = sphere()
+    points = points_about(0.1)
+    found = MeshDistance(vertices, faces).nearest(points)
+    each = [distances_to_triangles(points.double().numpy(), tri[None]) for tri in vertices[faces].double().numpy()]
+    np.testing.assert_allclose(
+        np.stack(each)[found.face.numpy(), np.arange(len(points))], np.stack(each).min(0), atol=1e-6
+    )
+    on_face = vertices[faces[found.face.long()]].double().numpy()
+    for place, triangle in zip(found.position.double().numpy(), on_face, strict=True):
+        assert distances_to_triangles(place[None], triangle[None])[0] < 1e-6
+
+
+def test_several_threads_find_what_one_finds(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh, points = MeshDistance(*sphere()), points_about(0.1, 1001)
+    alone = mesh.nearest(points)
+    monkeypatch.setattr("dynhair.strands.collision.thread_count", lambda: 3)
+    monkeypatch.setattr("dynhair.threads.thread_count", lambda: 3)
+    for one, several in zip(alone, mesh.nearest(points), strict=True):
+        assert torch.equal(one, several)
+    assert mesh.nearest(points[:0]).face.shape == (0,)
+    assert len(mesh.nearest(points[:2]).face) == 2
+
+
 def test_refitting_moves_the_mesh_and_not_the_callers_vertices() -> None:
     vertices, faces = sphere()
     original = vertices.clone()
@@ -95,8 +119,10 @@ def test_distances_carry_no_gradient_and_take_any_points() -> None:
 
 
 def test_points_that_are_not_finite_have_no_distance() -> None:
-    distance, _ = MeshDistance(*sphere()).query(torch.tensor([[torch.nan, 0, 0], [0, torch.inf, 0], [0, 0, 0]]))
-    assert distance.isnan().tolist() == [True, True, False]
+    found = MeshDistance(*sphere()).nearest(torch.tensor([[torch.nan, 0, 0], [0, torch.inf, 0], [0, 0, 0]]))
+    assert found.distance.isnan().tolist() == [True, True, False]
+    assert found.face[:2].tolist() == [-1, -1]
+    assert found.face[2] >= 0
 
 
 def test_threads_have_their_own_meshes_and_may_share_one() -> None:

@@ -8,7 +8,7 @@ divided by the square of that unit in metres: the paper's elastic weight of 500 
 from __future__ import annotations
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from dynhair.strands import MeshDistance, segment_lengths
@@ -43,7 +43,9 @@ def sample_strand_points(
     return points[torch.randperm(len(points), generator=generator)[:count].to(points.device)]
 
 
-def penetration_loss(points: Float[Tensor, "p 3"], mesh: MeshDistance) -> Float[Tensor, ""]:
+def penetration_loss(
+    points: Float[Tensor, "p 3"], mesh: MeshDistance, counted: Bool[Tensor, " f"] | None = None
+) -> Float[Tensor, ""]:
     """The paper's ``L_penetr``: mean squared depth of the points that are inside the head.
 
     The gradient pulls each inside point straight to the surface point nearest to it, held fixed: the exact gradient of
@@ -51,12 +53,17 @@ def penetration_loss(points: Float[Tensor, "p 3"], mesh: MeshDistance) -> Float[
 
     Args:
         points: strand points, metres, in the mesh's frame.
-        mesh: the head.
+        mesh: the head, or the head with the upper body.
+        counted: the faces that points are kept in front of; a point that is nearest to another one does not count.
+            Those of the head make the paper's form of a mesh of the whole upper body. All if not given.
 
     Returns:
         Mean squared distance to the surface over the inside points, square metres; zero if there are none.
     """
-    distance, closest = mesh.query(points)
-    inside = (distance < 0).to(points)
+    distance, closest, face = mesh.nearest(points)
+    inside = distance < 0
+    if counted is not None:
+        inside = inside & counted[face.long()]
+    inside = inside.to(points)
     depth = (points - closest.to(points)).square().sum(dim=-1)
     return (inside * depth).sum() / inside.sum().clamp_min(1)

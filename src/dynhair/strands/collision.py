@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from typing import Protocol, runtime_checkable
+from functools import partial
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from dynhair.render.parallel import share
 from dynhair.render.warp_runtime import warp
+from dynhair.threads import run, thread_count
 
 _compiling = threading.Lock()
 
@@ -33,6 +36,20 @@ def push_out(points: Float[Tensor, "p 3"], obstacle: Obstacle, clearance: float)
     return points + (clearance - distance).clamp_min(0.0)[:, None] * normal
 
 
+class Nearest(NamedTuple):
+    """What of a mesh is nearest to points; without gradients.
+
+    Attributes:
+        distance: to the surface, metres, negative inside the mesh; ``nan`` for a point that is not finite.
+        position: of the nearest surface point, metres.
+        face: index of the face that it lies on, -1 for a point that is not finite.
+    """
+
+    distance: Float[Tensor, " p"]
+    position: Float[Tensor, "p 3"]
+    face: Int[Tensor, " p"]
+
+
 class MeshDistance:
     """Signed distance to a triangle mesh that may move, but keeps its topology.
 
@@ -41,7 +58,8 @@ class MeshDistance:
     a few centimetres of such a head (5,992 vertices), compared with exact winding numbers in float64, the sign of the
     nearest triangle's normal is wrong for 9% around neck, shoulders and arms and 2.5% around the face, by up to 8 cm;
     ray parity for 3% and 0.04%; Warp's approximate winding number for 0.03% of all, at the price of 31 ms for 10,000
-    points on one core (normals 14, parity 24).
+    points on one core (normals 14, parity 24). The opening below ends as if a membrane closed it; within millimetres of
+    that membrane the sign is not reliable.
 
     Queries and refits of one object wait for one another, so threads can share it; threads that are to query at the
     same time need an object each.
@@ -84,20 +102,38 @@ class MeshDistance:
             Distances, negative inside the mesh, and the nearest surface points; float32 and without gradients. A point
             that is not finite has distance ``nan``.
         """
+        return self.nearest(points)[:2]
+
+    def nearest(self, points: Float[Tensor, "p 3"]) -> Nearest:
+        """Find the surface point nearest to each point, and its face.
+
+        Args:
+            points: where to look, metres, in the vertices' frame.
+        """
+        points = points.detach().to(self._device, torch.float32).contiguous()
+        found = Nearest(
+            distance=torch.empty_like(points[:, 0]),
+            position=torch.empty_like(points),
+            face=torch.empty(len(points), dtype=torch.int32, device=self._device),
+        )
+        # On a CPU a launch keeps to one thread.
+        parts = thread_count() if self._device.type == "cpu" else 1
+        with self._lock, self._stream():
+            run(partial(self._find, points, found, *places) for places in share(len(points), parts))
+        return found
+
+    def _find(self, points: Float[Tensor, "p 3"], found: Nearest, first: int, last: int) -> None:
         from dynhair.strands.mesh_query import signed_distance
 
         wp = warp()
-        points = points.detach().to(self._device, torch.float32).contiguous()
-        distances, closest = torch.empty_like(points[:, 0]), torch.empty_like(points)
-        with self._lock, self._stream():
-            wp.launch(
-                signed_distance,
-                dim=len(points),
-                inputs=[self._mesh.id, wp.from_torch(points, dtype=wp.vec3)],
-                outputs=[wp.from_torch(distances), wp.from_torch(closest, dtype=wp.vec3)],
-                device=wp.device_from_torch(self._device),
-            )
-        return distances, closest
+        distance, position, face = (part[first:last] for part in found)
+        wp.launch(
+            signed_distance,
+            dim=last - first,
+            inputs=[self._mesh.id, wp.from_torch(points[first:last], dtype=wp.vec3)],
+            outputs=[wp.from_torch(distance), wp.from_torch(position, dtype=wp.vec3), wp.from_torch(face)],
+            device=wp.device_from_torch(self._device),
+        )
 
     def _stream(self) -> contextlib.AbstractContextManager[object]:
         """On CUDA, keep Warp's work in order with torch's."""

@@ -20,6 +20,7 @@ def signed_distance(
     points: wp.array(dtype=wp.vec3),
     distances: wp.array(dtype=float),
     closest: wp.array(dtype=wp.vec3),
+    faces: wp.array(dtype=int),
 ):
     index = wp.tid()
     point = points[index]
@@ -28,6 +29,8 @@ def signed_distance(
         position = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
         distances[index] = query.sign * wp.length(position - point)
         closest[index] = position
+        faces[index] = query.face
     else:  # the point is not finite
         distances[index] = wp.nan
         closest[index] = point
+        faces[index] = -1
