@@ -7,7 +7,7 @@ from dynhair.losses.colour import (
     colour_spatial_loss,
 )
 from dynhair.losses.crops import Crop, perceptual_crop_loss, random_crops
-from dynhair.losses.orientation import direction_loss, orientation_loss
+from dynhair.losses.orientation import direction_loss, orientation_loss, orientation_weight
 from dynhair.losses.perceptual import PerceptualDistance, lpips_loss
 from dynhair.losses.photometric import l1_loss, ssim, ssim_loss, ssim_map
 from dynhair.losses.physics import elastic_loss, penetration_loss, sample_strand_points
@@ -34,6 +34,7 @@ __all__ = [
     "length_loss",
     "lpips_loss",
     "orientation_loss",
+    "orientation_weight",
     "pca_consistency_loss",
     "penetration_loss",
     "perceptual_crop_loss",

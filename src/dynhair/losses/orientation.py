@@ -35,12 +35,20 @@ def orientation_loss(
     Returns:
         The weighted mean in [0, pi / 2]; zero where the masks do not meet.
     """
-    weight = ((predicted_hair > COVERAGE) & (target_hair > COVERAGE)).to(predicted)
-    if confidence is not None:
-        weight = weight * confidence
+    weight = orientation_weight(predicted_hair, target_hair, confidence)
     difference = predicted - target
     angle = (difference - difference.detach().round()).abs()
     return torch.pi * (weight * angle).sum() / weight.sum().clamp_min(torch.finfo(weight.dtype).tiny)
+
+
+def orientation_weight(
+    predicted_hair: Float[Tensor, "*v h w"],
+    target_hair: Float[Tensor, "*v h w"],
+    confidence: Float[Tensor, "*v h w"] | None = None,
+) -> Float[Tensor, "*v h w"]:
+    """How far each pixel counts in `orientation_loss`, whose arguments these are; without a gradient."""
+    weight = ((predicted_hair > COVERAGE) & (target_hair > COVERAGE)).to(predicted_hair)
+    return weight if confidence is None else weight * confidence
 
 
 def direction_loss(

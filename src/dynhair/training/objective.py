@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import torch
@@ -14,6 +14,7 @@ from dynhair.avatar import Avatar, AvatarImages, head_pose
 from dynhair.capture import Capture, Segment
 from dynhair.config import TrainingConfig
 from dynhair.losses import (
+    Crop,
     PerceptualDistance,
     colour_consistency_loss,
     colour_gradient_loss,
@@ -22,6 +23,7 @@ from dynhair.losses import (
     elastic_loss,
     l1_loss,
     orientation_loss,
+    orientation_weight,
     penetration_loss,
     perceptual_crop_loss,
     random_crops,
@@ -66,6 +68,8 @@ class JointObjective(nn.Module):
             nowhere.
         config: weights, iterations, seed.
         perceptual: what ``L_vgg`` is measured by; None leaves the term out.
+        balance: given the weight of all pixels of a mean, the factor that makes it this process's part of the mean over
+            all processes.
     """
 
     def __init__(
@@ -76,10 +80,12 @@ class JointObjective(nn.Module):
         points: Roots | None,
         config: TrainingConfig,
         perceptual: PerceptualDistance | None = None,
+        balance: Callable[[Tensor], Tensor] = torch.ones_like,
     ) -> None:
         super().__init__()
         self.avatar = avatar
         self.config = config
+        self._balance = balance
         self._perceptual = (perceptual,)  # not a part of what is trained and saved
         self._capture = capture
         self._segments = segments
@@ -124,9 +130,7 @@ class JointObjective(nn.Module):
             "ssim": ssim_loss(rgb, batch.rgb),
             "segmentation": segmentation_loss(images.hair, batch.hair),
             "body": l1_loss(images.body, batch.body),
-            "orientation": orientation_loss(
-                images.orientation, batch.orientation, images.hair, batch.hair, batch.coherence
-            ),
+            "orientation": self._orientation(images, batch),
             "penetration": penetration_loss(points, self._mesh),
             "elastic": elastic_loss(posed.strands, rest),
         }
@@ -140,8 +144,7 @@ class JointObjective(nn.Module):
         terms |= self._colour_terms(step)
         perceptual, every = self._perceptual[0], config.perceptual_every
         if perceptual is not None and step % every == 0:
-            crops = random_crops(batch.hair + batch.body, config.perceptual_crop, generator=generator)
-            terms["perceptual"] = perceptual_crop_loss(perceptual, rgb, batch.rgb, crops)
+            terms["perceptual"] = perceptual_crop_loss(perceptual, rgb, batch.rgb, self._crops(batch, step))
         raised = step >= config.perceptual_raised_from * config.iterations
         decay = segmentation_weight(step, config.iterations, config.segmentation_warmup, config.segmentation_floor)
         scale = {
@@ -161,6 +164,20 @@ class JointObjective(nn.Module):
         }
         loss = torch.stack([scale[name] * term for name, term in terms.items()]).sum()
         return StepResult(loss, {name: term.detach() for name, term in terms.items()}, images)
+
+    def _orientation(self, images: AvatarImages, batch: Batch) -> Float[Tensor, ""]:
+        """The orientation term, a mean over pixels of which each process has its own number."""
+        maps = images.hair, batch.hair, batch.coherence
+        share = self._balance(orientation_weight(*maps).sum())
+        return share * orientation_loss(images.orientation, batch.orientation, *maps)
+
+    def _crops(self, batch: Batch, step: int) -> list[Crop]:
+        """A random square in each view: each view has its own numbers, whichever process sees it."""
+        crops = []
+        for place, person in enumerate(batch.hair + batch.body, batch.first):
+            generator = torch.Generator().manual_seed((self.config.seed * 1_000_003 + step) * 1_009 + place)
+            crops += random_crops(person[None], self.config.perceptual_crop, generator=generator)
+        return crops
 
     def _colour_terms(self, step: int) -> dict[str, Tensor]:
         """Coherence of the hair's colours, where it has a weight."""

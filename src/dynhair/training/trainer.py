@@ -18,6 +18,7 @@ from dynhair.avatar.mlp import quick_precision, use_precision
 from dynhair.capture import Capture
 from dynhair.config import Config
 from dynhair.errors import DynhairError
+from dynhair.losses import PerceptualDistance
 from dynhair.motion import SignalNormalizer, motion_signals
 from dynhair.progress import StageProgress
 from dynhair.strands import Roots, resample_strands
@@ -148,7 +149,15 @@ class _Training:
         with explained_shortage("the joint training", self.config, DYNAMIC_SETTINGS):
             avatar, points, checkpoint = self._start(strands)
             avatar.to(self.processes.device)
-            objective = JointObjective(avatar, self.capture, self.segments, points, self.config.training)
+            objective = JointObjective(
+                avatar,
+                self.capture,
+                self.segments,
+                points,
+                self.config.training,
+                self._perceptual_distance(),
+                self.processes.balance,
+            )
             JointTraining(
                 objective, self.run, self.capture, self.segments, self.processes, self.progress, self.console
             ).finish(checkpoint)
@@ -178,6 +187,15 @@ class _Training:
         layer = ScalpLayer.under(strands[:, 0], head.means.detach(), started.scalp)
         basis = self.capture.expression_basis
         return Avatar(hair, head, normalizer, background, layer, basis), started.points, checkpoint
+
+    def _perceptual_distance(self) -> PerceptualDistance | None:
+        """What images are compared by, if that has a weight; its network is fetched once, by the first process."""
+        weights = self.config.training.weights
+        if weights.perceptual == 0 and weights.perceptual_raised == 0:
+            return None
+        distance = PerceptualDistance.pretrained() if self.processes.first else None
+        self.processes.wait()
+        return (distance or PerceptualDistance.pretrained()).to(self.processes.device)
 
     def mesh_head(self) -> MeshHead:
         """The mesh stage's head, made by the first process while the others wait."""
