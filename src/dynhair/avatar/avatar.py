@@ -15,6 +15,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynhair.avatar.deformer import HairDeformer
+from dynhair.avatar.drawn_hair import COLOURS, drawn_hair
 from dynhair.avatar.expression_modes import ExpressionModes
 from dynhair.avatar.hair import Hair
 from dynhair.avatar.head import Head, HeadGaussians, HeadStart
@@ -28,7 +29,7 @@ from dynhair.errors import DynhairError
 from dynhair.motion import SignalNormalizer, motion_signals, motion_window
 from dynhair.render import Gaussians, rasterize
 from dynhair.storage import atomic_folder, read_json, write_json
-from dynhair.strands import decode_orientation, projected_orientation, root_taper, strand_gaussians
+from dynhair.strands import decode_orientation
 
 SCHEMA_VERSION = 2
 DESCRIPTION = "avatar.json"
@@ -155,22 +156,19 @@ class Avatar(nn.Module):
         """
         drawn = self._drawn_cameras(cameras)
         head = posed.head
-        hair = strand_gaussians(posed.strands, self.hair.width, root_taper(posed.strands.shape[1] - 1))
-        colours = self.hair.colours(hair.means, torch.stack([camera.centre for camera in drawn]))
-        directions = torch.stack([projected_orientation(hair.means, hair.directions, camera) for camera in drawn])
-        label = colours.new_tensor([1.0, 0.0]).expand(*colours.shape[:2], 2)
-        extra = colours.new_zeros(*colours.shape[:2], self.head.config.colour_channels - 3)
-        hair_features = torch.cat([label, directions, colours, extra], -1)
+        own = self.hair
+        hair = drawn_hair(posed.strands, own.width, own.base_harmonic, own.higher_harmonics, drawn)
+        extra = self.head.config.colour_channels - 3
+        hair_features = nn.functional.pad(hair.features, (0, extra)) if extra else hair.features
+        head_features = self._head_features(head, hair.features[..., COLOURS], len(posed.strands))
         gaussians = Gaussians(
             means=torch.cat([hair.means, head.means]),
             quats=torch.cat([hair.quats, head.quats]),
             scales=torch.cat([hair.scales, head.scales]),
             opacities=torch.cat([hair.means.new_ones(len(hair.means)), head.opacities]),
-            features=torch.cat([hair_features, self._head_features(head, colours, len(posed.strands))], 1),
+            features=torch.cat([hair_features, head_features], 1),
         )
-        background = torch.cat(
-            [self.background.new_zeros(4), self.background, self.background.new_zeros(extra.shape[2])]
-        )
+        background = torch.cat([self.background.new_zeros(4), self.background, self.background.new_zeros(extra)])
         images = rasterize(gaussians, drawn, background=background)
         label, direction, seen = images.features.split([2, 2, background.shape[0] - 4], dim=-1)
         if self.super_resolution is None:

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynhair.avatar.deformer import HairDeformer
-from dynhair.avatar.spherical_harmonics import COEFFICIENTS, constant_coefficient, harmonics_colours
+from dynhair.avatar.spherical_harmonics import COEFFICIENTS, constant_coefficient
 from dynhair.config import DeformerConfig
 from dynhair.strands import smooth_strands
 
@@ -57,8 +57,3 @@ class Hair(nn.Module):
         rigid = window is None or isinstance(self.deformer, RigidDeformer)
         moved = self.strands if rigid else self.strands + self.deformer(window)
         return smooth_strands(moved)
-
-    def colours(self, means: Float[Tensor, "g 3"], eyes: Float[Tensor, "v 3"]) -> Float[Tensor, "v g 3"]:
-        """Colours of the strand Gaussians at ``means`` (world) as seen from each eye: harmonics of degree 3."""
-        directions = nn.functional.normalize(means.detach() - eyes[:, None], dim=-1)
-        return harmonics_colours(self.base_harmonic, self.higher_harmonics, directions)
