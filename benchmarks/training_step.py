@@ -41,9 +41,10 @@ from dynhair.training import objective as objective_module
 from dynhair.training.batches import Batch, Batches
 from dynhair.training.frames import head_frame, rest_frame, training_segments
 from dynhair.training.head_start import start_head
+from dynhair.training.joint_optimizer import joint_optimizer
+from dynhair.training.joint_training import GRADIENT_NORM
 from dynhair.training.objective import JointObjective
 from dynhair.training.surface import tracked_surface
-from dynhair.training.trainer import GRADIENT_NORM, joint_optimizer
 from stopwatch import Stopwatch
 
 WARM_UP = 2
@@ -166,9 +167,7 @@ def watch(stopwatch: Stopwatch, objective: JointObjective) -> None:
     stopwatch.watch(avatar.hair.deformer, "forward", "deformer")
     stopwatch.watch(avatar.head, "forward", "head")
     stopwatch.watch(avatar, "render", "features of the Gaussians")
-    stopwatch.watch(avatar_module, "strand_gaussians", "strand Gaussians")
-    stopwatch.watch(avatar_module, "projected_orientation", "strand directions")
-    stopwatch.watch(avatar.hair, "colours", "harmonics")
+    stopwatch.watch(avatar_module, "drawn_hair", "hair as the cameras see it")
     stopwatch.watch(cpu, "rasterize_cpu", BLEND)
     stopwatch.watch(cpu, "list_splats", PROJECTION)
     # the rasterizer's own backward is one function: first the blend's kernel is fetched, then the projection's
@@ -224,7 +223,7 @@ def state_size(objective: JointObjective) -> dict[str, float]:
     """MiB of the parameters, their gradients and Adam's two moments."""
     hair, head = objective.avatar.hair, objective.avatar.head
     owners = {
-        "harmonics": [hair.base_harmonic, hair.higher_harmonics],
+        "hair as the cameras see it": [hair.base_harmonic, hair.higher_harmonics],
         "deformer": list(hair.deformer.parameters()),
         "strands": [hair.strands],
         "head": list(head.parameters()),
