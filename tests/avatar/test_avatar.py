@@ -204,9 +204,7 @@ def test_rigid_hair_has_no_network_and_survives_the_folder(tmp_path: Path) -> No
     assert not list(loaded.hair.deformer.parameters())
 
 
-def test_a_folder_that_says_nothing_of_the_hair_motion_has_the_papers_at_every_point(
-    avatar: Avatar, tmp_path: Path
-) -> None:
+def test_a_folder_that_says_nothing_of_the_hair_motion_has_the_papers(avatar: Avatar, tmp_path: Path) -> None:
     avatar.save(tmp_path / "a")
     path = tmp_path / "a" / "avatar.json"
     description = json.loads(path.read_text())

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
+from scipy.interpolate import CubicSpline
 from torch.nn import functional
 
 from dynhair.avatar.deformer import DISPLACEMENT_UNIT, POSITION_UNIT, HairDeformer
@@ -14,7 +16,8 @@ from dynhair.avatar.mlp import use_precision
 from dynhair.config import DeformerConfig
 from dynhair.motion import signal_names
 
-CONFIG = DeformerConfig(history=3, position_frequencies=2, place_frequencies=2, hidden=8, width=16, layers=2)
+CONFIG = DeformerConfig(history=3, position_frequencies=2, place_frequencies=2, hidden=8, width=16, layers=2, knots=0)
+KNOTS = {4: [0, 2, 4, 6], 2: [0, 6]}  # of strands of 7 points
 
 
 def canonical(strands: int = 5, points: int = 7, seed: int = 0) -> torch.Tensor:
@@ -43,13 +46,17 @@ def embedding(deformer: HairDeformer, window: torch.Tensor) -> torch.Tensor:
 
 
 def written_out(deformer: HairDeformer, strands: torch.Tensor, window: torch.Tensor) -> torch.Tensor:
-    """The network point by point: embedding, FiLM on the encoded position, concatenation, MLP, attenuation."""
+    """The network knot by knot: embedding, FiLM on the encoded position, concatenation, MLP, attenuation.
+
+    Between knots SciPy's spline.
+    """
     n, points = strands.shape[:2]
     config, z = deformer.config, embedding(deformer, window)
+    knots = KNOTS.get(config.knots, list(range(points)))
     position = positional_encoding((strands - strands.mean((0, 1))) / POSITION_UNIT, config.position_frequencies)
     result = torch.zeros_like(strands)
     for i in range(n):
-        for j in range(points):
+        for j in knots:
             place = positional_encoding(torch.tensor([j / points], dtype=strands.dtype), config.place_frequencies)
             if config.film:
                 scale, shift = deformer.film(z).chunk(2)
@@ -60,12 +67,17 @@ def written_out(deformer: HairDeformer, strands: torch.Tensor, window: torch.Ten
                 x = layer(x)
                 if k + 1 < len(deformer.mlp):
                     x = functional.leaky_relu(x)
-            result[i, j] = x * deformer.root_attenuation[j] * DISPLACEMENT_UNIT
-    return result
+            result[i, j] = x
+    if len(knots) < points:
+        curves = CubicSpline(knots, np.eye(len(knots)), bc_type="natural")(np.arange(points))
+        result = torch.einsum("lk,nkc->nlc", torch.from_numpy(curves), result[:, knots])
+    return result * deformer.root_attenuation[:, None] * DISPLACEMENT_UNIT
 
 
 VARIANTS = {
     "paper": CONFIG,
+    "4 knots": replace(CONFIG, knots=4),
+    "2 knots, mlp": replace(CONFIG, knots=2, encoder="mlp"),
     "no acceleration": replace(CONFIG, acceleration=False),
     "pose": replace(CONFIG, signals="pose"),
     "no gravity": replace(CONFIG, gravity=False),
@@ -101,6 +113,15 @@ def test_both_encoders_are_of_about_the_same_size() -> None:
         deformer = HairDeformer(canonical(), DeformerConfig(encoder=encoder))
         sizes.append(sum(p.numel() for p in deformer.parameters()))
     assert 0.8 < sizes[1] / sizes[0] < 1.25
+
+
+def test_the_root_moves_as_its_attenuation_says_however_few_the_knots() -> None:
+    deformer = lively(HairDeformer(canonical(), replace(CONFIG, knots=3)))
+    with torch.no_grad():
+        deformer.root_attenuation[:2] = 0.0
+    moved = deformer(torch.randn(4, 9, generator=torch.Generator().manual_seed(6)))
+    assert moved[:, :2].abs().max() == 0
+    assert moved[:, 2:].abs().amin(0).max() > 0
 
 
 def test_a_fresh_network_leaves_the_hair_where_it_is() -> None:

@@ -274,7 +274,8 @@ class Avatar(nn.Module):
 
     @classmethod
     def _like(cls, description: dict[str, Any], tensors: dict[str, Tensor]) -> Avatar:
-        dynamic, deformer = description.get("dynamic", True), DeformerConfig(**description["deformer"])
+        # an avatar that says nothing of knots or of rigid hair was written before there were any
+        dynamic, deformer = description.get("dynamic", True), DeformerConfig(**{"knots": 0, **description["deformer"]})
         strands = tensors["hair.deformer.addresses"] if dynamic else tensors["hair.strands"]
         hair = Hair(strands, float(description["strand_width"]), torch.zeros(3), deformer, dynamic)
         rest = HeadPose(torch.eye(3), torch.zeros(3), torch.zeros(3), torch.zeros(int(description["expression_size"])))

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from dynhair.threads import run, thread_count
 
-CHUNK = 4096
+CHUNK = 2048
 SLOPE = 0.01  # of the leaky ReLU for negative values, PyTorch's default
 
 

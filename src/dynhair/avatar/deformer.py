@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from dynhair.avatar.chunked import PointLayer, evaluate_chunked
 from dynhair.avatar.encoding import encoded_size, positional_encoding
 from dynhair.avatar.mlp import PointNetwork
+from dynhair.avatar.splines import evenly_spaced, natural_spline
 from dynhair.config import DeformerConfig
 from dynhair.motion import signal_names
 
@@ -26,6 +27,9 @@ class HairDeformer(PointNetwork):
     displacement, attenuated towards the root by learnable factors. The paper's ablations (table 2) put an MLP in the
     place of the LSTM, or the embedding beside the point's features in the place of FiLM.
 
+    The network can be evaluated at a few knots of each strand, and a natural cubic spline through what it says there
+    moves the other points: displacements are smooth along a strand. The attenuation is every point's own.
+
     The canonical positions that the network sees are those at construction. They are the points' fixed addresses:
     when the canonical hair is optimised or edited later, a point keeps its motion.
 
@@ -36,17 +40,20 @@ class HairDeformer(PointNetwork):
 
     addresses: Tensor
     code: Tensor
+    spline: Tensor
 
     def __init__(self, canonical: Float[Tensor, "n l 3"], config: DeformerConfig) -> None:
         super().__init__()
         self.config = config
         self.strands, self.points = canonical.shape[:2]
-        centred = (canonical - canonical.mean((0, 1))) / POSITION_UNIT
-        position = positional_encoding(centred, config.position_frequencies)
-        along = torch.arange(self.points, dtype=canonical.dtype)[:, None] / self.points
-        place = positional_encoding(along, config.place_frequencies).expand(self.strands, -1, -1)
+        knots = evenly_spaced(self.points, config.knots)
+        centred = (canonical[:, knots] - canonical.mean((0, 1))) / POSITION_UNIT
+        position = positional_encoding(centred.transpose(0, 1), config.position_frequencies)
+        along = knots.to(canonical)[:, None] / self.points
+        place = positional_encoding(along, config.place_frequencies)[:, None].expand(-1, self.strands, -1)
         self.register_buffer("addresses", canonical.clone())
         self.register_buffer("code", torch.cat([position, place], -1).flatten(0, 1), persistent=False)
+        self.register_buffer("spline", natural_spline(knots, self.points).to(canonical), persistent=False)
 
         signal_size = encoded_size(3 * len(signal_names(config)), config.signal_frequencies)
         if config.encoder == "lstm":
@@ -80,9 +87,9 @@ class HairDeformer(PointNetwork):
         """
         first, *rest = [PointLayer(layer.weight, layer.bias) for layer in self.mlp if isinstance(layer, nn.Linear)]
         layers = [self._conditioned(first, self._embedding(window)), *rest]
-        moved = evaluate_chunked(self.code, layers, self.dtype)
-        moved = moved.view(self.strands, self.points, 3)
-        return moved * (DISPLACEMENT_UNIT * self.root_attenuation)[:, None]
+        at_knots = evaluate_chunked(self.code, layers, self.dtype).view(self.spline.shape[1], -1)
+        attenuated = (DISPLACEMENT_UNIT * self.root_attenuation)[:, None] * self.spline
+        return (attenuated @ at_knots).view(self.points, self.strands, 3).transpose(0, 1)
 
     def _embedding(self, window: Float[Tensor, "t c"]) -> Float[Tensor, " hidden"]:
         signal = positional_encoding(window, self.config.signal_frequencies)
