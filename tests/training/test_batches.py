@@ -9,7 +9,7 @@ import torch
 
 from dynhair.capture import Capture
 from dynhair.training.batches import Batches
-from dynhair.training.frames import training_segments
+from dynhair.training.frames import training_cameras, training_segments
 from synthetic import write_synthetic_capture
 
 
@@ -97,3 +97,14 @@ def test_now_and_then_the_rest_frame_is_seen_from_its_static_views(tmp_path: Pat
     torch.testing.assert_close(batch.cameras[0].w2c, camera.w2c)
     without = Batches(capture, training_segments(capture), views=2, image_size=32, seed=0)
     assert not any(without.choice(step).static for step in range(20))
+
+
+def test_a_single_camera_is_the_one_that_the_face_looks_at(capture: Capture) -> None:
+    source = Batches(capture, training_segments(capture), views=2, image_size=32, seed=0, cameras=1)
+    middle = capture.camera_names[1]  # of three, 50 degrees apart
+    assert [source.choice(step).names for step in range(12)] == [[middle]] * 12
+
+
+def test_more_cameras_are_the_most_frontal_ones_in_the_captures_order(capture: Capture) -> None:
+    assert training_cameras(capture, 2) in (["00", "01"], ["01", "02"])
+    assert training_cameras(capture, 0) == training_cameras(capture, 3) == list(capture.camera_names)

@@ -17,7 +17,7 @@ from torch.nn import functional
 from dynhair.camera import Camera
 from dynhair.capture import Capture, Segment, View
 from dynhair.errors import DynhairError
-from dynhair.training.frames import hair_mask
+from dynhair.training.frames import hair_mask, training_cameras
 from dynhair.training.static_views import static_view_names
 
 MOST_BROKEN = 0.1
@@ -94,6 +94,7 @@ class Batches:
         image_size: longer side of the images, pixels; larger images are reduced.
         seed: of the order.
         static_every: every so many steps the static views are seen, where the capture has them; never if 0.
+        cameras: how many of the capture's cameras are used, the most frontal ones; all if 0.
         share: of the number of views, the part that batches hold; all of them by default.
         report: told of each view that cannot be read, when it is first met, and the step goes on with other views of
             the frame; without it such a view is an error.
@@ -108,12 +109,14 @@ class Batches:
         image_size: int,
         seed: int,
         static_every: int = 0,
+        cameras: int = 0,
         share: Callable[[int], slice] = slice,
         report: Callable[[DynhairError], None] | None = None,
     ) -> None:
         self.capture = capture
         self.segments = segments
-        self.views = min(views, len(capture.camera_names))
+        self.cameras = training_cameras(capture, cameras)
+        self.views = min(views, len(self.cameras))
         self.image_size = image_size
         self.seed = seed
         self._rest = _place(segments, capture.static_frame)
@@ -131,7 +134,7 @@ class Batches:
         epoch, position = divmod(step, len(self._frames))
         order = torch.randperm(len(self._frames), generator=self._generator(2 * epoch))
         segment, index = self._frames[int(order[position])]
-        return Choice(segment, index, *self._drawn(self.capture.camera_names, step), static=False)
+        return Choice(segment, index, *self._drawn(self.cameras, step), static=False)
 
     def batch(self, step: int) -> Batch:
         """The batch of a step.
@@ -194,7 +197,7 @@ class Batches:
             raise error
         self._broken.add((frame, name))
         self._report(error)
-        views = len(self._frames) * len(self.capture.camera_names) + len(self._static_names)
+        views = len(self._frames) * len(self.cameras) + len(self._static_names)
         if len(self._broken) > max(1, MOST_BROKEN * views):
             raise DynhairError(
                 f"{len(self._broken)} of {views} views cannot be read, the last for this: {error.message}",

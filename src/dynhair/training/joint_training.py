@@ -86,6 +86,7 @@ class JointTraining:
             image_size=self.config.image_size,
             seed=self.config.seed,
             static_every=self.config.static_every,
+            cameras=self.config.cameras,
             share=processes.share,
             report=self._set_aside,
         )

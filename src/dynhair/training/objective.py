@@ -43,6 +43,10 @@ SQUARED_HARMONIC = 4 * math.pi
 """What a squared coefficient of degree 0 is more than the squared colour it stands for."""
 
 
+HEAD_FOLLOWS = 0.5
+"""A face of the tracked surface is the head's, not the body's, where its vertices follow the head by more than this."""
+
+
 class StepResult(NamedTuple):
     """What one step computed (a tuple, for data-parallel wrappers look inside what a module returns).
 
@@ -108,6 +112,8 @@ class JointObjective(nn.Module):
             else None
         )
         self._mesh = MeshDistance(self._surface.vertices(segments[0].start).to(self._device), self._surface.faces)
+        with_head = self._surface.follow[self._surface.faces].mean(1) > HEAD_FOLLOWS
+        self._obstacle = None if config.body_collision else with_head.to(self._device)
 
     def forward(self, batch: Batch, step: int) -> StepResult:
         """Draw the batch's frame and compare it with the images."""
@@ -131,7 +137,7 @@ class JointObjective(nn.Module):
             "segmentation": segmentation_loss(images.hair, batch.hair),
             "body": l1_loss(images.body, batch.body),
             "orientation": self._orientation(images, batch),
-            "penetration": penetration_loss(points, self._mesh),
+            "penetration": penetration_loss(points, self._mesh, self._obstacle),
             "elastic": elastic_loss(posed.strands, rest),
         }
         if self._points is not None:
