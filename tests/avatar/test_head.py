@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from dynhair.avatar import ExpressionModes, Head, HeadPose, HeadStart
 from dynhair.avatar.branches import Branches, expression_weight
+from dynhair.avatar.encoding import positional_encoding
 from dynhair.avatar.expression_modes import fitted_modes
 from dynhair.avatar.head import facing
 from dynhair.avatar.rotations import multiply_quaternions, rotation_quaternion
@@ -281,3 +282,21 @@ def test_expression_bases_of_any_size(size: int) -> None:
     near = head.expression_weight > 0.5
     assert near.any()
     assert (head.world_means(other) - head.world_means(rest))[near].abs().max() > 1e-6
+
+
+@pytest.mark.parametrize("order", ["sorted", "shuffled"])
+def test_gradients_of_blended_branches(order: str) -> None:
+    torch.manual_seed(0)
+    pair = Branches(3, 2, 2, (4,), (4,), 2, bounded=True).double()
+    wild(pair)
+    weight = torch.tensor([1.0, 1.0, 0.6, 0.2, 0.0, 0.0], dtype=torch.float64)
+    if order == "shuffled":
+        weight = weight[torch.tensor([4, 0, 2, 5, 3, 1])]
+    points, expression, code = (torch.randn(*size, dtype=torch.float64) for size in ((6, 3), (2,), (2,)))
+    inputs = [tensor.requires_grad_() for tensor in (points, expression, code)]
+    assert torch.autograd.gradcheck(lambda p, e, c: pair(p, weight, e, c), inputs)
+
+
+def test_gradients_of_the_positional_encoding() -> None:
+    x = torch.randn(5, 2, 3, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(lambda x: positional_encoding(x, 3), (x,))
