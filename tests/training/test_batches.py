@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from dynhair.capture import Capture
+from dynhair.errors import DynhairError
 from dynhair.training.batches import Batches
 from dynhair.training.frames import training_cameras, training_segments
 from synthetic import write_synthetic_capture
@@ -108,3 +109,90 @@ def test_a_single_camera_is_the_one_that_the_face_looks_at(capture: Capture) -> 
 def test_more_cameras_are_the_most_frontal_ones_in_the_captures_order(capture: Capture) -> None:
     assert training_cameras(capture, 2) in (["00", "01"], ["01", "02"])
     assert training_cameras(capture, 0) == training_cameras(capture, 3) == list(capture.camera_names)
+
+
+@pytest.fixture
+def damaged(tmp_path: Path) -> tuple[Capture, list[str]]:
+    """A capture one frame of which has two truncated views of four, with their names."""
+    capture = Capture.open(write_synthetic_capture(tmp_path / "c", frames=6, views=4, size=16))
+    source = Batches(capture, training_segments(capture), views=2, image_size=16, seed=0)
+    names = source.choice(1).names
+    truncate(capture, source.segments[0].start + source.choice(1).index, names)
+    return capture, names
+
+
+def truncate(capture: Capture, frame: int, names: list[str]) -> None:
+    for name in names:
+        path = capture.layout.find_image(capture.layout.frame_images(frame), "image", name)
+        assert path is not None
+        path.write_bytes(path.read_bytes()[:60])
+
+
+def forgiving(capture: Capture, reports: list[DynhairError]) -> Batches:
+    return Batches(capture, training_segments(capture), views=2, image_size=16, seed=0, report=reports.append)
+
+
+def test_other_views_stand_in_for_damaged_ones(damaged: tuple[Capture, list[str]]) -> None:
+    capture, names = damaged
+    reports: list[DynhairError] = []
+    source = forgiving(capture, reports)
+    assert source.batch(1).names == source.choice(1).spare[:2]
+    assert len(reports) == 2
+    assert sorted(source.batch(1).names) == sorted(set(capture.camera_names) - set(names))
+    assert len(reports) == 2  # each is reported once
+    assert source.batch(0).names == source.choice(0).names
+
+
+def test_too_many_damaged_views_are_an_error(damaged: tuple[Capture, list[str]]) -> None:
+    capture, _ = damaged
+    reports: list[DynhairError] = []
+    source = forgiving(capture, reports)
+    truncate(capture, training_segments(capture)[0].start + source.choice(0).index, source.choice(0).names)
+    source.batch(1)
+    with pytest.raises(DynhairError, match="3 of 24 views cannot be read") as caught:
+        source.batch(0)
+    assert caught.value.expected == "at most 10% of them"
+    assert len(reports) == 3
+
+
+def test_where_too_few_views_are_left_they_are_taken_twice(damaged: tuple[Capture, list[str]]) -> None:
+    capture, names = damaged
+    source = forgiving(capture, [])
+    frame = source.segments[0].start + source.choice(1).index
+    rest = source.choice(1).spare
+    source._broken = {(frame, name) for name in [*names, rest[0]]}
+    assert source.batch(1).names == [rest[1], rest[1]]
+    source._broken |= {(frame, rest[1])}
+    with pytest.raises(DynhairError, match=f"no view of frame {frame} can be read"):
+        source.batch(1)
+
+
+def test_what_stands_in_does_not_depend_on_what_was_read_before(tmp_path: Path) -> None:
+    capture = Capture.open(write_synthetic_capture(tmp_path / "c", frames=8, views=4, size=16))
+    for frame, name in ((1, "00"), (4, "02"), (5, "03")):
+        truncate(capture, training_segments(capture)[0].start + frame, [name])
+    one, other = forgiving(capture, []), forgiving(Capture.open(capture.path), [])
+    expected = [one.batch(step).names for step in range(16)]
+    assert [other.batch(step).names for step in range(15, 7, -1)] == expected[:7:-1]
+    assert any(names != one.choice(step).names for step, names in enumerate(expected))
+
+
+def test_a_damaged_view_is_an_error_where_nobody_is_told(damaged: tuple[Capture, list[str]]) -> None:
+    capture, _ = damaged
+    with pytest.raises(DynhairError, match=r"damaged|not an image"):
+        Batches(capture, training_segments(capture), views=2, image_size=16, seed=0).batch(1)
+
+
+def test_shares_of_a_step_are_its_views_in_order(capture: Capture) -> None:
+    segments = training_segments(capture)
+    whole = Batches(capture, segments, views=3, image_size=32, seed=0)
+    parts = [
+        Batches(capture, segments, views=3, image_size=32, seed=0, share=lambda _, place=place: slice(place, place + 1))
+        for place in range(3)
+    ]
+    for step in range(4):
+        batch, shares = whole.batch(step), [part.batch(step) for part in parts]
+        assert [share.first for share in shares] == [0, 1, 2]
+        assert [name for share in shares for name in share.names] == batch.names
+        assert torch.equal(torch.cat([share.rgb for share in shares]), batch.rgb)
+        assert len({(share.segment, share.index) for share in [batch, *shares]}) == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 from pathlib import Path
 
 import pytest
@@ -52,3 +53,29 @@ def test_what_is_no_checkpoint_is_named(tmp_path: Path, content: bytes) -> None:
 def test_a_missing_checkpoint_is_named(tmp_path: Path) -> None:
     with pytest.raises(DynhairError, match="missing"):
         Checkpoint.read(tmp_path / "c.safetensors")
+
+
+def test_a_checkpoint_keeps_what_else_the_run_remembers(tmp_path: Path) -> None:
+    record = {"skipped": 3, "norms": [0.1, 1e-30, 1 / 3]}
+    Checkpoint.of(4, *model_and_optimizer(), record).write(tmp_path / "c.safetensors")
+    assert Checkpoint.read(tmp_path / "c.safetensors").record == record
+
+
+def test_a_disk_that_is_full_leaves_the_checkpoint_before(tmp_path: Path) -> None:
+    path = tmp_path / "c.safetensors"
+    model, optimizer = model_and_optimizer()
+    Checkpoint.of(4, model, optimizer).write(path)
+    steps(model, optimizer, 0, 1)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
+    try:
+        with pytest.raises(DynhairError, match=r"step 5 cannot be written .* that of step 4 is whole") as caught:
+            Checkpoint.of(5, model, optimizer).write(path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert caught.value.path == path
+    assert "MB of free space" in (caught.value.expected or "")
+    assert Checkpoint.read(path).step == 4
+    assert [file.name for file in tmp_path.iterdir()] == [path.name]
+    with pytest.raises(DynhairError, match="none before it"):
+        Checkpoint.of(5, model, optimizer).write(path / "a_file_is_no_folder.safetensors")
