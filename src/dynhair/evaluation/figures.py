@@ -19,11 +19,12 @@ from dynhair.evaluation.regions import BAND
 from dynhair.evaluation.torso import BODY_FOLLOW, FAINT_HAIR, HAIR_MARGIN, LEAST_EDGES
 
 MOTION = "hair_motion_explained"
-TEMPORAL_FIGURES = ("hair_tiou", "hair_tiou_truth")
+FLICKER = "hair_tlpips_excess"
+TEMPORAL_FIGURES = ("hair_tiou", "hair_tiou_truth", FLICKER)
 HAIR_FIGURES = ("hair_psnr", "hair_ssim", "hair_iou", *TEMPORAL_FIGURES)
 """The figures of hair that need hair masks."""
 
-LPIPS_FIGURES = ("lpips", "face_lpips")
+LPIPS_FIGURES = ("lpips", "face_lpips", FLICKER)
 FACE_FIGURES = ("face_psnr", "face_ssim", "face_lpips")
 BOUNDARY_FIGURES = ("boundary_psnr", "boundary_label_error")
 TORSO_MOTION, TORSO_MOTION_TRUTH = "torso_motion", "torso_motion_truth"
@@ -42,6 +43,9 @@ DEFINITIONS: Mapping[str, str] = {
     "hair_tiou": "intersection over union of the avatar's hair silhouettes in frames t and t + 1 of one camera; "
     "mean over pairs",
     "hair_tiou_truth": "the same of the truth's hair silhouettes, to which hair_tiou should come close",
+    FLICKER: "the paper's tLPIPS_ex: LPIPS (0.1, AlexNet) of the avatar's images in frames t and t + 1 of one camera, "
+    "black outside the truth's hair masks of both frames, less that of the truth's images there; above 0 the avatar "
+    "flickers, below it is stiff; mean over pairs",
     MOTION: "1 - mean |d - g| / mean |g| over frames and points of the true strands, in the head's frame: g is a "
     f"point's displacement from rest, d the avatar's, blended by inverse distance from its {NEAREST_POINTS} "
     "strand points nearest to that point at rest; 1 is the true motion, 0 a rigid hairstyle",

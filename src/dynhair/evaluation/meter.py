@@ -8,16 +8,19 @@ from torch import Tensor
 from dynhair.capture import Segment
 from dynhair.evaluation.figures import (
     BOUNDARY_FIGURES,
+    FLICKER,
     HAIR_FIGURES,
     MOTION,
     TEMPORAL_FIGURES,
     TORSO_FIGURES,
     FigureSums,
 )
+from dynhair.evaluation.flicker import TrueChange, hair_change
 from dynhair.evaluation.hair_motion import HairMotion
 from dynhair.evaluation.head_meter import Drawn, HeadMeter
 from dynhair.evaluation.head_truth import HeadTruth, HeadTruths
 from dynhair.evaluation.metrics import decibels, mean_similarity, silhouette, silhouette_iou, squared_error
+from dynhair.evaluation.perception import Perception
 from dynhair.evaluation.truth import TrueFrame
 from dynhair.losses import ssim_map
 
@@ -44,20 +47,30 @@ class Meter:
     ) -> None:
         self.sums = FigureSums()
         self._head = HeadMeter(heads, self.sums)
+        self._perception: Perception = heads.perception
         self._motion = motion
         self._true_strands = true_strands
         self._last: tuple[int, Bool[Tensor, "v h w"], Bool[Tensor, "v h w"]] | None = None
+        self._last_rgb: Float[Tensor, "v h w 3"] | None = None
         if segment.split == "train":
             self.sums.explain("only every few frames of a training segment are evaluated", *TEMPORAL_FIGURES)
         if true_strands is None:
             self.sums.explain("the capture holds no true strands", MOTION)
 
-    def add(self, truth: TrueFrame, head: HeadTruth, drawn: Drawn, strands: Float[Tensor, "n l 3"]) -> None:
+    def add(
+        self,
+        truth: TrueFrame,
+        head: HeadTruth,
+        change: TrueChange | None,
+        drawn: Drawn,
+        strands: Float[Tensor, "n l 3"],
+    ) -> None:
         """Measure a frame.
 
         Args:
             truth: of the frame.
             head: what it says of the head.
+            change: of the truth's hair since the frame before, which was the last added; None if that is not known.
             drawn: the images.
             strands: the avatar's, in the head's frame, metres.
         """
@@ -74,6 +87,10 @@ class Meter:
             self.sums.add("hair_ssim", mean_similarity(similarity, truth.hair))
             self.sums.add("hair_iou", silhouette_iou(hair, truth.hair))
             self._add_consecutive(truth.index, hair, truth.hair)
+        if change is not None and self._last_rgb is not None:
+            moved = hair_change(self._perception, self._last_rgb, drawn.rgb, change.region)
+            self.sums.add(FLICKER, moved - change.distance)
+        self._last_rgb = drawn.rgb
         self._head.add(truth, head, drawn, error, similarity)
         if self._motion is not None and self._true_strands is not None:
             self.sums.add_motion(*self._motion.errors(strands, self._true_strands[truth.index]))

@@ -19,6 +19,7 @@ from dynhair.camera import Camera
 from dynhair.capture import Capture, HeadTrack, Segment
 from dynhair.errors import DynhairError
 from dynhair.evaluation.figures import DEFINITIONS, Figures, FigureSums
+from dynhair.evaluation.flicker import TrueFlicker
 from dynhair.evaluation.hair_motion import HairMotion, to_head_frame
 from dynhair.evaluation.head_meter import Drawn
 from dynhair.evaluation.head_truth import HeadTruths
@@ -173,10 +174,11 @@ def _measure_segment(
             expected=f"the {motion.true_strands} of {motion.true_points} points that the first segment has",
         )
     heads = HeadTruths(capture, segment, perception)
+    flicker = TrueFlicker(perception)
     meters = (Meter(segment, heads, motion, strands), Meter(segment, heads, motion, strands))
     for truth in true_frames(capture, segment, evaluated_indices(segment)):
         cameras = [capture.camera(segment.frames[truth.index], name) for name in capture.camera_names]
-        head = heads.frame(truth, cameras)
+        head, change = heads.frame(truth, cameras), flicker.change(truth)
         images = []
         for meter, rigid_hair in zip(meters, (False, True), strict=True):
             posed = avatar.pose(track, truth.index, rigid_hair=rigid_hair)
@@ -185,7 +187,7 @@ def _measure_segment(
             _require_finite(segment, truth.index, posed.strands, rendered.rgb, rendered.hair)
             drawn = Drawn(rendered.rgb.cpu().clamp(0.0, 1.0), rendered.hair.cpu(), None if body is None else body.cpu())
             images.append(drawn.rgb)
-            meter.add(truth, head, drawn, _in_head(posed.strands, track, truth.index))
+            meter.add(truth, head, change, drawn, _in_head(posed.strands, track, truth.index))
         if observe is not None:
             observe(EvaluatedFrame(segment, truth.index, truth.rgb, *images))
     return meters[0].sums, meters[1].sums

@@ -23,12 +23,13 @@ COLUMNS = {
     "hair_motion_explained": ("motion\nexpl.", 3),
 }
 HEAD_COLUMNS = {
+    "hair_tlpips_excess": ("tLPIPS\nexcess", 4),
     "lpips": ("LPIPS", 3),
     "face_psnr": ("face\nPSNR", 2),
     "face_ssim": ("face\nSSIM", 3),
     "face_lpips": ("face\nLPIPS", 3),
-    "boundary_psnr": ("hair edge\nPSNR", 2),
-    "boundary_label_error": ("hair edge\nlabels", 3),
+    "boundary_psnr": ("edge\nPSNR", 2),
+    "boundary_label_error": ("edge\nlabels", 3),
     "torso_motion": ("torso\nmotion", 2),
     "torso_motion_truth": ("truth\ntorso", 2),
 }
