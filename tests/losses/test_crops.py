@@ -88,6 +88,42 @@ def test_the_loss_is_that_of_the_crops_and_its_gradient_stays_in_them(distance: 
     assert outside.abs().max() == 0
 
 
+def test_views_on_threads_of_their_own_agree_with_one_batch(
+    distance: PerceptualDistance, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    predicted, target = torch.rand(2, 2, 16, 24, 3, generator=seeded(2), dtype=torch.float64)
+    crops = random_crops(torch.ones(2, 16, 24), 16, generator=seeded())
+    losses, gradients = [], []
+    for threads in (1, 2):
+        monkeypatch.setattr("dynhair.losses.crops.thread_count", lambda threads=threads: threads)
+        monkeypatch.setattr("dynhair.threads.thread_count", lambda threads=threads: threads)
+        seen = predicted.clone().requires_grad_()
+        losses.append(perceptual_crop_loss(distance, seen, target, crops))
+        (7 * losses[-1]).backward()
+        gradients.append(seen.grad)
+    torch.testing.assert_close(losses[1], losses[0])
+    torch.testing.assert_close(gradients[1], gradients[0])
+    with torch.no_grad():
+        torch.testing.assert_close(perceptual_crop_loss(distance, predicted, target, crops), losses[0].detach())
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_gradients_agree_with_finite_differences(
+    threads: int, distance: PerceptualDistance, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dynhair.losses.crops.thread_count", lambda: threads)
+    predicted, target, direction = torch.rand(3, 2, 20, 24, 3, generator=seeded(3), dtype=torch.float64)
+    crops = random_crops(torch.ones(2, 20, 24), 16, generator=seeded())
+    loss = perceptual_crop_loss(distance, predicted.requires_grad_(), target, crops)
+    (gradient,) = torch.autograd.grad(loss, predicted)
+    step = 1e-6
+    with torch.no_grad():
+        ahead, behind = (
+            perceptual_crop_loss(distance, predicted + sign * step * direction, target, crops) for sign in (1, -1)
+        )
+    assert (gradient * direction).sum().item() == pytest.approx(((ahead - behind) / (2 * step)).item(), rel=1e-4)
+
+
 def test_an_image_smaller_than_the_crop_is_compared_whole(distance: PerceptualDistance) -> None:
     predicted, target = torch.rand(2, 2, 16, 20, 3, generator=seeded(1), dtype=torch.float64)
     crops = random_crops(torch.ones(2, 16, 20), 96, generator=seeded())

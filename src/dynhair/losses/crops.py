@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+from typing import Any
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from dynhair.errors import DynhairError
 from dynhair.losses.perceptual import PerceptualDistance, lpips_loss
+from dynhair.threads import run, thread_count
 
 Crop = tuple[slice, slice]
 """Rows and columns of an image."""
@@ -58,7 +62,38 @@ def perceptual_crop_loss(
     Raises:
         DynhairError: the crops are too small for the network.
     """
-    return lpips_loss(distance, _cut(predicted, crops), _cut(target.detach(), crops))
+    seen, known = _cut(predicted, crops), _cut(target.detach(), crops)
+    if seen.device.type == "cpu" and min(thread_count(), len(seen)) > 1:
+        distances: Tensor = _DistancesOnThreads.apply(seen, known, distance)  # pyright: ignore[reportAssignmentType]
+        return distances.mean()
+    return lpips_loss(distance, seen, known)
+
+
+class _DistancesOnThreads(torch.autograd.Function):
+    """A thread for each view, which takes the network forth and at once back."""
+
+    @staticmethod
+    def forward(ctx: Any, seen: Tensor, known: Tensor, distance: PerceptualDistance) -> Tensor:
+        distances, gradients = seen.new_empty(len(seen)), torch.zeros_like(seen)
+        differentiate = ctx.needs_input_grad[0]
+
+        def compare(view: int) -> None:
+            with torch.set_grad_enabled(differentiate):  # which every thread has its own
+                image = seen[view].detach().requires_grad_(differentiate)
+                found = distance(image, known[view])
+                distances[view] = found.detach()
+                if differentiate:
+                    (gradients[view],) = torch.autograd.grad(found, image)
+
+        run(partial(compare, view) for view in range(len(seen)))
+        ctx.save_for_backward(gradients)
+        return distances
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *outer: Tensor) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+        (gradients,) = ctx.saved_tensors
+        return gradients * outer[0][:, None, None, None], None, None
 
 
 def _about(centre: int, size: int, extent: int) -> slice:
