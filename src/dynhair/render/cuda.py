@@ -25,15 +25,15 @@ def rasterize_cuda(gaussians: Gaussians, cameras: Sequence[Camera]) -> Rendering
         ) from error
 
     means, quats, scales, opacities, features = _without_invalid(gaussians)
-    device, bottom = means.device, torch.tensor([[0.0, 0.0, 0.0, 1.0]])
+    device, bottom = means.device, means.new_tensor([[0.0, 0.0, 0.0, 1.0]])
     colors, alphas, _ = rasterization(
         means=means,
         quats=quats,
         scales=scales,
         opacities=opacities,
         colors=features,
-        viewmats=torch.stack([torch.cat([camera.w2c.cpu().float(), bottom]) for camera in cameras]).to(device),
-        Ks=torch.stack([camera.K.float().to(device) for camera in cameras]),
+        viewmats=torch.stack([torch.cat([camera.w2c.to(device, torch.float32), bottom]) for camera in cameras]),
+        Ks=torch.stack([camera.K.to(device, torch.float32) for camera in cameras]),
         width=cameras[0].width,
         height=cameras[0].height,
         near_plane=0.01,
