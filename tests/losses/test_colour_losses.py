@@ -117,10 +117,12 @@ def test_a_strand_that_is_far_from_all_others_finds_them_past_its_own_gaussians(
     assert (found[:40] // 40 == 1).all()
 
 
-@pytest.mark.parametrize(("strands", "k"), [(3, 0), (3, -1), (3, 11), (1, 1), (0, 8)])
-def test_more_neighbours_than_there_are_get_an_error(strands: int, k: int) -> None:
+@pytest.mark.parametrize(
+    ("strands", "length", "k"), [(3, 5, 0), (3, 5, -1), (3, 5, 11), (1, 5, 1), (0, 5, 8), (3, 0, 8)]
+)
+def test_more_neighbours_than_there_are_get_an_error(strands: int, length: int, k: int) -> None:
     with pytest.raises(DynhairError, match=f"cannot find {k} neighbours"):
-        colour_neighbours(torch.zeros(strands, 5, 3), k)
+        colour_neighbours(torch.zeros(strands, length, 3), k)
 
 
 def test_strands_that_are_not_finite_get_an_error() -> None:

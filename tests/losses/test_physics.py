@@ -62,6 +62,17 @@ def test_elastic_gradients() -> None:
     assert collapsed.grad.isfinite().all()
 
 
+@pytest.mark.parametrize("shape", [(0, 4, 3), (3, 1, 3)])
+def test_strands_without_segments_cost_nothing(shape: tuple[int, int, int]) -> None:
+    posed = torch.rand(shape, requires_grad=True)
+    loss = elastic_loss(posed, torch.rand(shape))
+    loss.backward()
+    assert loss.item() == 0
+    points = sample_strand_points(posed, 10, generator=torch.Generator())
+    assert points.shape == (0, 3)
+    assert penetration_loss(points, cube()).item() == 0
+
+
 def test_penetration_is_the_mean_squared_depth_of_inside_points() -> None:
     points = torch.tensor(
         [[0.4, 0.0, 0.1], [0.0, -0.3, 0.1], [0.0, 0.1, 0.45], [0.7, 0.0, 0.0], [0.0, 2.0, 0.0]], requires_grad=True

@@ -74,7 +74,7 @@ def colour_neighbours(means: Float[Tensor, "n l 3"], k: int) -> Int64[Tensor, "n
     if not 0 < k <= others:
         raise DynhairError(
             f"cannot find {k} neighbours on other strands among {strands} strands of {length} Gaussians",
-            expected=f"1 to {others} neighbours" if others > 0 else "two strands or more",
+            expected=f"1 to {others} neighbours" if others > 0 else "two strands or more, of two points or more",
         )
     points = np.ascontiguousarray(means.detach().flatten(0, 1).cpu().numpy())
     if not np.isfinite(points).all():

@@ -22,7 +22,7 @@ def elastic_loss(posed: Float[Tensor, "*b n l 3"], rest: Float[Tensor, "n l 3"])
         rest: canonical strands, metres.
     """
     stretch = segment_lengths(posed) - segment_lengths(rest)
-    return stretch.square().sum() / posed[..., 0].numel()
+    return stretch.square().sum() / max(posed[..., 0].numel(), 1)
 
 
 def sample_strand_points(
