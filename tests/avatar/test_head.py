@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -300,3 +301,39 @@ def test_gradients_of_blended_branches(order: str) -> None:
 def test_gradients_of_the_positional_encoding() -> None:
     x = torch.randn(5, 2, 3, dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(lambda x: positional_encoding(x, 3), (x,))
+
+
+@pytest.mark.parametrize("count", [5, 16, 60])
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("follow_weights", [True, False])
+def test_the_compiled_pose_has_the_values_and_gradients_of_the_plain_formulas(
+    count: int, threads: int, follow_weights: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dynhair.threads.thread_count", lambda: threads)
+    torch.manual_seed(count)
+    vectors = torch.randn(2, 4, 3)
+    some = torch.tensor([3, 0, 4, 2])
+    modes = ExpressionModes(
+        some, torch.tensor([0, 2]), REST.expression, 0.01 * vectors, 0.3 * vectors, 0.1 * vectors[..., 0]
+    )
+    config = replace(CONFIG, follow_weights=follow_weights)
+    quick = Head(replace(start(count), modes=modes), start(count).means[:5], REST, config)
+    with torch.no_grad():
+        for parameter in quick.parameters():
+            parameter.add_(0.1 * torch.randn_like(parameter))
+    plain = copy.deepcopy(quick).double()
+    names = "rotation", "translation", "rotation_vector"
+    found: list[dict[str, torch.Tensor]] = []
+    for head, dtype in ((quick, torch.float32), (plain, torch.float64)):
+        moving = {name: getattr(TURNED, name).clone().to(dtype).requires_grad_() for name in names}
+        posed = head(replace(TURNED, expression=TURNED.expression.flip(0).to(dtype), **moving))
+        generator = torch.Generator().manual_seed(1)
+        values = {name: getattr(posed, name) for name in ("means", "scales", "quats", "opacities", "colours")}
+        weights = [torch.randn(value.shape, generator=generator) for value in values.values()]
+        torch.autograd.backward(list(values.values()), [weight.to(dtype) for weight in weights])
+        gradients = dict(head.named_parameters()) | moving
+        found.append(values | {f"of {name}": p.grad for name, p in gradients.items() if p.grad is not None})
+    assert found[0].keys() == found[1].keys()
+    for name, expected in found[1].items():
+        most = float(expected.detach().abs().max())
+        torch.testing.assert_close(found[0][name].double(), expected, rtol=1e-4, atol=2e-5 * most)

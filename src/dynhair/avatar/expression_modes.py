@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
+from dynhair.avatar.posed_gaussians import ExpressionChange
 from dynhair.avatar.rotations import multiply_quaternions, rotation_quaternion
 
 
@@ -72,6 +73,17 @@ class ExpressionModes(nn.Module):
         """The Gaussians' log-scales under an expression; thickness grows with width."""
         growth = self._sum(self.growth[..., None], expression)
         return log_scales.index_add(0, self.rows, growth.expand(-1, 3))
+
+    def change(self, expression: Float[Tensor, " e"], count: int) -> ExpressionChange:
+        """All of it at once, for ``count`` Gaussians."""
+        slots = torch.full((count,), -1, dtype=torch.int32, device=self.rows.device)
+        slots[self.rows] = torch.arange(len(self.rows), dtype=torch.int32, device=self.rows.device)
+        return ExpressionChange(
+            slots,
+            self._sum(self.offsets, expression),
+            rotation_quaternion(self._sum(self.turns, expression)),
+            self._sum(self.growth[..., None], expression)[:, 0],
+        )
 
     def _sum(self, modes: Float[Tensor, "a m c"], expression: Float[Tensor, " e"]) -> Float[Tensor, "m c"]:
         change = (expression - self.rest)[self.coefficients]

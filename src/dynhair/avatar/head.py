@@ -16,6 +16,7 @@ from dynhair.avatar.branches import Branches, expression_weight
 from dynhair.avatar.encoding import CANONICAL_UNIT, ENCODING_FREQUENCIES, encoded_size, positional_encoding
 from dynhair.avatar.expression_modes import ExpressionModes
 from dynhair.avatar.head_pose import HeadPose
+from dynhair.avatar.posed_gaussians import Canonical, Posed, posed_gaussians
 from dynhair.avatar.skinning import Skinning
 from dynhair.config import HeadConfig
 
@@ -121,9 +122,7 @@ class Head(nn.Module):
 
     def world_means(self, pose: HeadPose) -> Float[Tensor, "k 3"]:
         """Positions in the world, metres (appendix A, "Deformation module")."""
-        code = positional_encoding(self.means / CANONICAL_UNIT, ENCODING_FREQUENCIES)
-        moved = self.deformation(code, self.expression_weight, pose.expression, self.skinning.pose_code(pose))
-        means = self.modes.displaced(self.means, pose.expression) + self.config.deformation_scale * moved
+        means = self.modes.displaced(self.means, pose.expression) + self.config.deformation_scale * self._moved(pose)
         return self.skinning.world(means, self.follow, pose)
 
     def forward(self, pose: HeadPose) -> HeadGaussians:
@@ -131,15 +130,40 @@ class Head(nn.Module):
         code, weight = self.skinning.pose_code(pose), self.expression_weight
         colour = self.colour(self.features, weight, pose.expression, code)
         offsets = self.attributes(self.features, weight, pose.expression, code)
-        log_scales, quats, opacity = (self.config.attribute_scale * offsets).split([3, 4, 1], dim=-1)
-        quats = self.modes.turned(nn.functional.normalize(self.quats + quats, dim=-1), pose.expression)
+        compiled = self.means.device.type == "cpu" and self.means.dtype == torch.float32
+        posed = self._posed_at_once(pose, offsets) if compiled else self._posed_by_passes(pose, offsets)
         return HeadGaussians(
-            means=self.world_means(pose),
-            scales=self.modes.grown(self.log_scales + log_scales, pose.expression).exp(),
-            quats=self.skinning.turned(quats, self.follow, pose),
-            opacities=(self.opacity_logits + opacity[:, 0]).sigmoid(),
+            means=posed.means,
+            scales=posed.log_scales.exp(),
+            quats=posed.quats,
+            opacities=posed.logits.sigmoid(),
             colours=self.base_colours + colour,
         )
+
+    def _posed_by_passes(self, pose: HeadPose, offsets: Float[Tensor, "k 8"]) -> Posed:
+        """The Gaussians in the world, on any device, from what the attribute networks say."""
+        log_scales, quats, logits = (self.config.attribute_scale * offsets).split([3, 4, 1], dim=-1)
+        quats = self.modes.turned(nn.functional.normalize(self.quats + quats, dim=-1), pose.expression)
+        return Posed(
+            means=self.world_means(pose),
+            quats=self.skinning.turned(quats, self.follow, pose),
+            log_scales=self.modes.grown(self.log_scales + log_scales, pose.expression),
+            logits=self.opacity_logits + logits[:, 0],
+        )
+
+    def _posed_at_once(self, pose: HeadPose, offsets: Tensor) -> Posed:
+        """The same in compiled code, 0.87 of the head's time."""
+        canonical = Canonical(
+            self.means, self.quats, self.log_scales, self.opacity_logits, self.follow, self._moved(pose), offsets
+        )
+        change = self.modes.change(pose.expression, len(self.means))
+        reaches = self.config.deformation_scale, self.config.attribute_scale
+        return posed_gaussians(canonical, change, self.skinning.frames(pose), reaches)
+
+    def _moved(self, pose: HeadPose) -> Float[Tensor, "k 3"]:
+        """What the deformation networks say, each component in [-1, 1]."""
+        code = positional_encoding(self.means / CANONICAL_UNIT, ENCODING_FREQUENCIES)
+        return self.deformation(code, self.expression_weight, pose.expression, self.skinning.pose_code(pose))
 
 
 def facing(normals: Float[Tensor, "k 3"]) -> Float[Tensor, "k 4"]:

@@ -53,18 +53,28 @@ class Skinning(nn.Module):
 
     def turned(self, quats: Float[Tensor, "k 4"], follow: Float[Tensor, " k"], pose: HeadPose) -> Float[Tensor, "k 4"]:
         """Rotations (wxyz) of the head frame in the world, between head and body along the shorter way."""
-        head = rotation_quaternion(pose.rotation_vector)
-        rest = rotation_quaternion(so3_log(self.rest_rotation))
-        body = multiply_quaternions(rotation_quaternion(self._answer(pose)[0]), rest[None])[0]
-        body = torch.where((head * body).sum() < 0, -body, body)
+        head, body = self._quaternions(pose)
         # the product is linear in both, so that the two can be turned before they are blended
         blended = torch.lerp(multiply_quaternions(body, quats), multiply_quaternions(head, quats), follow[:, None])
         return nn.functional.normalize(blended, dim=-1)
+
+    def frames(self, pose: HeadPose) -> Float[Tensor, "32"]:
+        """Rotation matrix and translation of head and body in the world, then their quaternions (wxyz, unit)."""
+        rotation, translation = self.body(pose)
+        places = [pose.rotation.flatten(), pose.translation, rotation.flatten(), translation]
+        return torch.cat([*places, *self._quaternions(pose)])
 
     def pose_code(self, pose: HeadPose) -> Float[Tensor, " p"]:
         """What the networks hear of a pose: rotation vector, and translation from rest in canonical units, encoded."""
         moved = (pose.translation - self.rest_translation) / CANONICAL_UNIT
         return positional_encoding(torch.cat([pose.rotation_vector, moved]), ENCODING_FREQUENCIES)
+
+    def _quaternions(self, pose: HeadPose) -> tuple[Float[Tensor, "4"], Float[Tensor, "4"]]:
+        """The rotations of head and body, wxyz, on the same side."""
+        head = rotation_quaternion(pose.rotation_vector)
+        rest = rotation_quaternion(so3_log(self.rest_rotation))
+        body = multiply_quaternions(rotation_quaternion(self._answer(pose)[0]), rest[None])[0]
+        return head, torch.where((head * body).sum() < 0, -body, body)
 
     def _answer(self, pose: HeadPose) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
         """The body's rotation vector and displacement since the rest frame."""
