@@ -78,7 +78,7 @@ class _DistancesOnThreads(torch.autograd.Function):
         differentiate = ctx.needs_input_grad[0]
 
         def compare(view: int) -> None:
-            with torch.set_grad_enabled(differentiate):  # which every thread has its own
+            with torch.enable_grad():  # off inside a function, and every thread's own
                 image = seen[view].detach().requires_grad_(differentiate)
                 found = distance(image, known[view])
                 distances[view] = found.detach()
