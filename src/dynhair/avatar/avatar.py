@@ -20,6 +20,7 @@ from dynhair.avatar.expression_modes import ExpressionModes
 from dynhair.avatar.hair import Hair
 from dynhair.avatar.head import Head, HeadGaussians, HeadStart
 from dynhair.avatar.head_pose import HeadPose, head_pose
+from dynhair.avatar.layers import layers
 from dynhair.avatar.scalp_layer import ScalpLayer
 from dynhair.avatar.super_resolution import SuperResolution
 from dynhair.camera import Camera
@@ -168,12 +169,12 @@ class Avatar(nn.Module):
             opacities=torch.cat([hair.means.new_ones(len(hair.means)), head.opacities]),
             features=torch.cat([hair_features, head_features], 1),
         )
-        background = torch.cat([self.background.new_zeros(4), self.background, self.background.new_zeros(extra)])
-        images = rasterize(gaussians, drawn, background=background)
-        label, direction, seen = images.features.split([2, 2, background.shape[0] - 4], dim=-1)
+        images = rasterize(gaussians, drawn)
+        background = nn.functional.pad(self.background, (0, extra))
+        seen, hair_seen, body, direction = layers(images.features, images.alpha, background)
         if self.super_resolution is None:
-            return AvatarImages(seen, label[..., 0], label[..., 1], direction, images.alpha)
-        maps = torch.cat([label, direction, images.alpha[..., None]], -1).movedim(-1, 1)
+            return AvatarImages(seen, hair_seen, body, direction, images.alpha)
+        maps = torch.stack([hair_seen, body, *direction.unbind(-1), images.alpha], 1)
         size = (cameras[0].height, cameras[0].width)
         hair_seen, body, x, y, alpha = nn.functional.interpolate(maps, size, mode="bilinear").unbind(1)
         return AvatarImages(

@@ -1,0 +1,30 @@
+"""Taking drawn features apart."""
+
+from __future__ import annotations
+
+import torch
+
+from dynhair.avatar.layers import layers
+
+
+def drawn(channels: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    generator = torch.Generator().manual_seed(0)
+    sizes = (2, 3, 5, 4 + channels), (2, 3, 5), (channels,)
+    features, alpha, background = (torch.rand(size, generator=generator, dtype=torch.float64) for size in sizes)
+    return features, alpha, background
+
+
+def test_layers_are_the_channels_and_what_is_seen_lies_over_the_background() -> None:
+    features, alpha, background = drawn(3)
+    found = layers(features, alpha, background)
+    torch.testing.assert_close(found.seen, features[..., 4:] + (1 - alpha)[..., None] * background)
+    torch.testing.assert_close(
+        torch.cat([found.hair[..., None], found.body[..., None], found.direction], -1), features[..., :4]
+    )
+    assert all(layer.is_contiguous() for layer in found)
+
+
+def test_gradients_of_layers() -> None:
+    features, alpha, background = drawn(5)
+    inputs = features.requires_grad_(), alpha.requires_grad_()
+    assert torch.autograd.gradcheck(lambda f, a: tuple(layers(f, a, background)), inputs)
