@@ -199,6 +199,31 @@ def test_the_memory_budget_is_kept(pristine: Path, kept: int) -> None:
     assert capture.cached_bytes == kept * view_bytes
 
 
+def test_cameras_kept_are_few_however_long_a_capture_is(
+    pristine: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dynhair.capture.reader._CACHED_CAMERAS", 4)
+    capture, expected = Capture.open(pristine), Capture.open(pristine)
+    for frame in [0, 1, 2, 3, 4, 5, 0, 5, 5]:
+        for name in capture.camera_names:
+            torch.testing.assert_close(capture.camera(frame, name).w2c, expected.camera(frame, name).w2c)
+    assert capture._camera.cache_info().currsize == 4
+
+
+def test_what_cannot_be_read_does_not_keep_the_rest_from_being_read(broken: Path) -> None:
+    capture = Capture.open(broken)
+    name, other = capture.camera_names[:2]
+    damaged = capture.layout.find_image(capture.layout.frame_images(2), "mask", name)
+    assert damaged is not None
+    damaged.write_bytes(b"")
+    error, view = capture.attempt_views(2, [name, other])
+    assert isinstance(error, DynhairError)
+    assert error.path == damaged
+    assert isinstance(view, View)
+    with pytest.raises(DynhairError, match=damaged.name):
+        capture.views([(2, name), (2, other)])
+
+
 def test_views_do_not_share_memory_with_the_cache(pristine: Path) -> None:
     capture = Capture.open(pristine)
     capture.view(0, "00").rgb.fill_(7)

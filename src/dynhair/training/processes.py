@@ -27,6 +27,11 @@ _LONGEST_STAGE = timedelta(days=100)
 class Processes:
     """The processes of a training, seen from one of them.
 
+    Attributes:
+        count: of all of them.
+        local_count: of those on this machine.
+        rank: this one's place among all.
+
     Raises:
         DynhairError: there are more processes than GPUs.
     """
@@ -34,7 +39,7 @@ class Processes:
     def __init__(self) -> None:
         together = TorchElasticEnvironment.detect()
         self.count = int(os.environ["WORLD_SIZE"]) if together else 1
-        local = int(os.environ["LOCAL_WORLD_SIZE"]) if together else 1
+        self.local_count = local = int(os.environ["LOCAL_WORLD_SIZE"]) if together else 1
         if 0 < torch.cuda.device_count() < local:
             raise DynhairError(
                 f"{local} processes on {torch.cuda.device_count()} GPUs",
@@ -50,7 +55,6 @@ class Processes:
             self._waiting: Any = torch.distributed.new_group(backend="gloo", timeout=_LONGEST_STAGE)
             _take_share_of_threads(local)
         self.rank = self.fabric.global_rank
-        self.local_count = local
 
     @property
     def device(self) -> torch.device:

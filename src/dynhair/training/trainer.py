@@ -15,7 +15,7 @@ from torch import Tensor
 from dynhair.avatar import Avatar, Hair, ScalpLayer
 from dynhair.avatar.mesh_head import MeshHead
 from dynhair.avatar.mlp import quick_precision, use_precision
-from dynhair.capture import Capture
+from dynhair.capture import DEFAULT_CACHE_BYTES, Capture
 from dynhair.config import Config
 from dynhair.errors import DynhairError
 from dynhair.losses import PerceptualDistance
@@ -26,7 +26,7 @@ from dynhair.strands.files import read_strands
 from dynhair.threads import keep_large_blocks, large_pieces
 from dynhair.training.batches import load_batch
 from dynhair.training.checkpoint import Checkpoint
-from dynhair.training.frames import rest_frame, training_segments
+from dynhair.training.frames import rest_frame, training_cameras, training_segments
 from dynhair.training.head_on_mesh import start_head_on_mesh
 from dynhair.training.head_start import start_head
 from dynhair.training.joint_training import JointTraining
@@ -80,8 +80,8 @@ def train(
             disk do not suffice; too many steps had to be skipped, or too many images cannot be read.
     """
     out, groom = Path(out), None if hair_init is None else Path(hair_init)
-    data = Capture.open(capture)
     processes = Processes()
+    data = Capture.open(capture, cache_bytes=DEFAULT_CACHE_BYTES // processes.local_count)
     if not processes.first:
         console = Console(quiet=True)
     console = console or Console()
@@ -93,6 +93,9 @@ def train(
     run = Run.open(out)
     if resume:
         _require_same(run, data, groom)
+    if "dynamic" in stages:  # what cannot be shared out is refused before the hours of the static stage
+        settings = run.config.training
+        processes.share(min(settings.views, len(training_cameras(data, settings.cameras))))
     keep_large_blocks()
     with large_pieces(), StageProgress(console).shown() as progress:
         training = _Training(run, data, processes, progress, console)
@@ -145,7 +148,6 @@ class _Training:
 
     def finish(self, strands: Float[Tensor, "n l 3"]) -> Avatar:
         """The dynamic stage, beginning with the canonical hair."""
-        self.processes.share(min(self.config.training.views, len(self.capture.camera_names)))
         with explained_shortage("the joint training", self.config, DYNAMIC_SETTINGS):
             avatar, points, checkpoint = self._start(strands)
             avatar.to(self.processes.device)
