@@ -23,7 +23,7 @@ from dynhair.training.previews import preview_picture, write_preview
 from dynhair.training.processes import Processes
 from dynhair.training.run import Run
 from dynhair.training.schedule import falling_rate
-from dynhair.training.step_guard import StepGuard
+from dynhair.training.step_guard import IN_A_ROW, StepGuard
 from dynhair.training.training_log import TrainingLog
 
 GRADIENT_NORM = 1.0  # of the deformer: a step early in training cannot throw the hair far
@@ -91,6 +91,7 @@ class JointTraining:
             report=self._set_aside,
         )
         self._rates = [group["lr"] for group in self.optimizer.param_groups]
+        self._terms: dict[str, float] = {}
         self._saved: int | None = None
 
     def finish(self, checkpoint: Checkpoint | None) -> None:
@@ -123,6 +124,7 @@ class JointTraining:
                 batch = read.to(self.processes.device)
                 result = self.objective(batch, step)
                 outcome = self._backward(result, interrupted=interruption.requested)
+                self._terms |= outcome.terms  # not every step has all of them
                 self._advance(outcome, step, batch)
                 done = step + 1
                 if done % SHOWN_EVERY == 0 or done == last:
@@ -169,10 +171,10 @@ class JointTraining:
         return DynhairError(
             f"{guard.skipped} steps were skipped, the last {guard.in_a_row} in a row; at step {step} {fault}. "
             f"Frame {segment.start + batch.index} (`{segment.name}`), views {', '.join(batch.names)}. "
-            f"Terms: {_ranked(outcome.terms)}. Gradients: {_ranked(outcome.norms)}. "
+            f"Terms, without weights: {_ranked(outcome.terms)}. Gradients: {_ranked(outcome.norms)}. "
             f"Skipped steps changed nothing; {saved}",
             path=self.run.checkpoint,
-            expected=f"at most {guard.limit} skipped steps, and {min(guard.limit, 10)} in a row",
+            expected=f"at most {guard.limit} skipped steps, and {min(guard.limit, IN_A_ROW)} in a row",
             mend="look at that frame's images and masks; in the run's config.yaml lower the learning rates "
             "(training.rates) of the groups named, or the weights (training.weights) of the terms named, or set "
             "training.precision to float32; then go on with --resume",
@@ -188,7 +190,7 @@ class JointTraining:
             "gradient norm": outcome.norm,
             "skipped steps": float(self.guard.skipped),
         }
-        log.curves(curves | {f"terms/{name}": value for name, value in outcome.terms.items()}, done)
+        log.curves(curves | {f"terms/{name}": value for name, value in self._terms.items()}, done)
 
     def _preview(self, result: StepResult, batch: Batch, done: int, log: TrainingLog) -> None:
         if not self.processes.first:

@@ -12,9 +12,8 @@ EXPLOSION = 100.0
 """A gradient so many times the usual one is skipped.
 
 Adam bounds what one such step does to the parameters, and not what it does to its own second moments: they would grow
-by a factor of ``1 + 0.001 EXPLOSION^2`` = 11, and make the next thousand steps 3.3 times as short. Below a factor of
-about 30 the effect is lost in the noise, and training's own rises (a term that sets in, views that were rarely seen)
-stay below 10.
+by a factor of ``1 + 0.001 EXPLOSION^2`` = 11, and make the next thousand steps 3.3 times as short. In 700 steps on the
+bundled capture, static views among them, no gradient was more than 3.9 times the usual one.
 """
 
 HISTORY = 100
