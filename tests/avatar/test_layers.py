@@ -28,3 +28,19 @@ def test_gradients_of_layers() -> None:
     features, alpha, background = drawn(5)
     inputs = features.requires_grad_(), alpha.requires_grad_()
     assert torch.autograd.gradcheck(lambda f, a: tuple(layers(f, a, background)), inputs)
+
+
+def test_compiled_layers_are_the_plain_ones() -> None:
+    features, alpha, background = drawn(4)
+    plain = features.requires_grad_(), alpha.requires_grad_()
+    quick = features.detach().float().requires_grad_(), alpha.detach().float().requires_grad_()
+    expected, found = layers(plain[0], plain[1], background), layers(quick[0], quick[1], background.float())
+    for some, others in zip(found, expected, strict=True):
+        torch.testing.assert_close(some.double(), others, rtol=1e-5, atol=1e-6)
+    weights = [torch.rand_like(layer) for layer in expected]
+    torch.autograd.backward(list(expected), weights)
+    torch.autograd.backward(list(found), [weight.float() for weight in weights])
+    for some, others in zip(quick, plain, strict=True):
+        assert some.grad is not None
+        assert others.grad is not None
+        torch.testing.assert_close(some.grad.double(), others.grad, rtol=1e-5, atol=1e-6)
