@@ -207,6 +207,18 @@ def test_a_checkpoint_that_cannot_be_written_stops_the_run_and_the_one_before_is
     assert_same_avatar(out, trained)
 
 
+def test_an_avatar_that_cannot_be_written_is_not_lost(
+    capture: Path, begun: Path, trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = branch_off(begun, tmp_path / "run")
+    with monkeypatch.context() as patched:
+        patched.setattr("dynhair.avatar.avatar.atomic_folder", full_disk)
+        with pytest.raises(DynhairError, match="avatar cannot be written"):
+            go_on(capture, out)
+    go_on(capture, out)
+    assert_same_avatar(out, trained)
+
+
 def test_a_full_disk_ends_previews_and_log_but_not_training(
     capture: Path, begun: Path, trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

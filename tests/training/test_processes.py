@@ -21,12 +21,13 @@ from dynhair.config import Config, DeformerConfig, HeadConfig, LossWeights, Trai
 from dynhair.errors import DynhairError
 from dynhair.losses import PerceptualDistance, orientation_weight
 from dynhair.motion import SignalNormalizer
+from dynhair.threads import thread_count
 from dynhair.training.batches import Batches
 from dynhair.training.checkpoint import Checkpoint
 from dynhair.training.frames import training_segments
 from dynhair.training.head_start import start_head
 from dynhair.training.objective import JointObjective, StepResult
-from dynhair.training.processes import Processes
+from dynhair.training.processes import Processes, _take_share_of_threads
 from dynhair.training.run import Run
 from synthetic import write_synthetic_capture
 
@@ -61,6 +62,27 @@ def test_views_are_shared_out_evenly_or_not_at_all() -> None:
     with pytest.raises(DynhairError, match="4 views a step cannot be shared out among 3 processes") as caught:
         processes.share(4)
     assert "training.views" in (caught.value.mend or "")
+
+
+def test_processes_need_a_gpu_each_where_there_are_gpus(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (("TORCHELASTIC_RUN_ID", "1"), ("WORLD_SIZE", "4"), ("LOCAL_WORLD_SIZE", "4")):
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 3)
+    with pytest.raises(DynhairError, match="4 processes on 3 GPUs"):
+        Processes()
+
+
+@pytest.mark.parametrize(("given", "threads"), [("1", 3), ("5", 2)])
+def test_a_process_takes_its_share_of_the_cores(given: str, threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = torch.get_num_threads()
+    monkeypatch.setenv("OMP_NUM_THREADS", given)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(7)), raising=False)
+    torch.set_num_threads(2)
+    try:
+        _take_share_of_threads(2)
+        assert thread_count() == threads  # what the user asked for is left
+    finally:
+        torch.set_num_threads(before)
 
 
 def test_the_steps_of_processes_average_to_the_step_of_one(capture: Path) -> None:
