@@ -6,9 +6,12 @@ blended; their doubled angles ``(cos 2a, sin 2a)`` can.
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from dynhair.camera import Camera
 
@@ -58,10 +61,26 @@ def decode_orientation(doubled: Float[Tensor, "*n 2"]) -> Float[Tensor, "*n"]:
     The angle's gradient grows as the magnitude falls, without bound. Where the magnitude is negligible, for want of
     hair or because strands that cross cancel out, the gradient is zero.
     """
-    cosine, sine = doubled.unbind(-1)
-    negligible = cosine * cosine + sine * sine < NEGLIGIBLE_MAGNITUDE**2
-    cosine, sine = (torch.where(negligible, part.detach(), part) for part in (cosine, sine))
-    turns = torch.atan2(sine, cosine) / (2 * torch.pi)
-    wrapped = torch.where(turns < 0, turns + 1, turns)
-    # Just below zero, a turn added rounds to one.
-    return torch.where(wrapped < 1, wrapped, 0.0)
+    return _Decoded.apply(doubled)  # pyright: ignore[reportReturnType]
+
+
+class _Decoded(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, doubled: Tensor) -> Tensor:
+        ctx.save_for_backward(doubled)
+        cosine, sine = (part.contiguous() for part in doubled.unbind(-1))  # for vectors of them
+        turns = torch.atan2(sine, cosine).div_(2 * torch.pi)
+        wrapped = torch.where(turns < 0, turns + 1, turns)
+        # Just below zero, a turn added rounds to one.
+        return torch.where(wrapped < 1, wrapped, 0.0)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *gradients: Tensor) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+        (doubled,) = ctx.saved_tensors
+        cosine, sine = (part.contiguous() for part in doubled.unbind(-1))
+        squared = (sine * sine).addcmul_(cosine, cosine)
+        # nothing is divided by what is negligible
+        squared.masked_fill_(squared < NEGLIGIBLE_MAGNITUDE**2, torch.inf)
+        scale = (gradients[0] / (2 * torch.pi)).div_(squared)
+        return torch.stack([-sine * scale, cosine * scale], -1)
