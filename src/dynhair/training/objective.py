@@ -32,6 +32,7 @@ from dynhair.losses import (
     segmentation_weight,
     ssim_loss,
 )
+from dynhair.losses.agreement import agreed
 from dynhair.strands import MeshDistance, Roots
 from dynhair.training.batches import Batch
 from dynhair.training.surface import tracked_surface
@@ -212,9 +213,7 @@ def agreed_colours(images: AvatarImages, batch: Batch) -> Float[Tensor, "v h w 3
     other's; the labels' own terms are there to move them. Labels are shares of hair, body and background, and what they
     have in common says how far a pixel's colours count.
     """
-    hair, body = images.hair.detach(), images.body.detach()
-    off = (hair - batch.hair).abs() + (body - batch.body).abs() + (hair + body - batch.hair - batch.body).abs()
-    return torch.lerp(images.rgb, batch.rgb, (off / 2).clamp(0, 1)[..., None])
+    return agreed(images.rgb, batch.rgb, (images.hair, images.body), (batch.hair, batch.body))
 
 
 def reduced(images: Float[Tensor, "v h w 3"], size: tuple[int, int]) -> Float[Tensor, "v y x 3"]:
