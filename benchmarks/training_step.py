@@ -2,9 +2,9 @@
 
     python benchmarks/training_step.py [--preset tiny|small|medium|paper] [--threads 1] [--steps 12] [--json FILE]
 
-On the bundled capture, with strands that hang straight from its scalp. Where the preset asks for larger images than
-the capture has, those are enlarged and the cameras with them; the head starts from the tracked mesh with the preset's
-number of Gaussians, whatever the preset starts it from.
+On the bundled capture, with strands that hang straight from its scalp. Where the preset asks for larger images or more
+views than the capture has, images are enlarged, views repeated, and cameras with them; the head starts from the tracked
+mesh with the preset's number of Gaussians, whatever the preset starts it from.
 """
 
 from __future__ import annotations
@@ -50,6 +50,7 @@ from stopwatch import Stopwatch
 WARM_UP = 2
 HANGING = 0.25  # metres
 MIB = 2**20
+MAPS = ("hair", "body", "orientation", "coherence")
 PROJECTION, BLEND, OPTIMIZER, REST = "projection and binning", "blend", "optimizer", "other losses"
 
 
@@ -120,7 +121,7 @@ def measured(config: Config, steps: int) -> Profile:
         began = time.perf_counter()
         batch = source.batch(number)
         reading.append(1e3 * (time.perf_counter() - began))
-        batch = enlarged(batch, size)
+        batch = enlarged(batch, size, settings.views)
         began = time.perf_counter()
         with stopwatch.round():
             with stopwatch.part(REST):
@@ -154,8 +155,8 @@ def measured(config: Config, steps: int) -> Profile:
     avatar, stored = objective.avatar, max(source.batch(0).rgb.shape[1:3])
     strands, points = avatar.hair.strands.shape[:2]
     sizes = (
-        f"{strands} strands of {points} points, {len(avatar.head.means)} Gaussians of the head, {source.views} views "
-        f"of {size} pixels" + ("" if stored == size else f" (read as {stored} and enlarged)")
+        f"{strands} strands of {points} points, {len(avatar.head.means)} Gaussians of the head, {settings.views} views "
+        f"of {size} pixels" + ("" if stored == size else f" (read as {source.views} of {stored})")
     )
     return Profile(step_time, data_time, parts, state_size(objective), peak, sizes)
 
@@ -202,20 +203,19 @@ def hanging_strands(capture: Capture, count: int, points: int) -> Tensor:
     return roots[:, None] + down
 
 
-def enlarged(batch: Batch, longer: int) -> Batch:
-    """The batch with its images and cameras at another size, if they are smaller."""
+def enlarged(batch: Batch, longer: int, views: int) -> Batch:
+    """The batch with images and cameras at another size, if they are smaller, and views again, if they are fewer."""
+    again = [place % len(batch.cameras) for place in range(views)]
     height, width = batch.rgb.shape[1:3]
-    factor = longer / max(height, width)
-    if factor <= 1:
-        return batch
+    factor = max(longer / max(height, width), 1)
     size = round(height * factor), round(width * factor)
-    maps = torch.stack([batch.hair, batch.body, batch.orientation, batch.coherence], 1)
-    planes = functional.interpolate(torch.cat([batch.rgb.movedim(-1, 1), maps], 1), size)
+    planes = torch.cat([batch.rgb.movedim(-1, 1), torch.stack([getattr(batch, name) for name in MAPS], 1)], 1)[again]
+    planes = functional.interpolate(planes, size)
     return replace(
         batch,
-        cameras=[camera.resized(size[1], size[0]) for camera in batch.cameras],
+        cameras=[batch.cameras[place].resized(size[1], size[0]) for place in again],
         rgb=planes[:, :3].movedim(1, -1).contiguous(),
-        **{name: planes[:, 3 + k].contiguous() for k, name in enumerate(("hair", "body", "orientation", "coherence"))},
+        **{name: planes[:, 3 + k].contiguous() for k, name in enumerate(MAPS)},
     )
 
 
