@@ -44,6 +44,10 @@ def test_gradients_within_a_hundredfold_are_never_skipped(values: list[float]) -
     assert not guard.exhausted
 
 
+def test_after_gradients_of_nought_any_gradient_is_taken() -> None:
+    assert judged(StepGuard(0), ENOUGH, norm=0.0).judge(0.5, 1.0) is None
+
+
 def test_a_skipped_gradient_does_not_become_the_usual_one() -> None:
     guard = judged(StepGuard(1000), 30)
     for _ in range(200):

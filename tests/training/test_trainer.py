@@ -8,25 +8,16 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
-import safetensors.torch
 import torch
+from quick_runs import CONFIG, assert_same_avatar, with_training
 from rich.console import Console
 
 from dynhair.avatar import Avatar
 from dynhair.capture import Capture
-from dynhair.config import (
-    Config,
-    DeformerConfig,
-    HairConfig,
-    HeadConfig,
-    StaticConfig,
-    TrainingConfig,
-    write_config,
-)
+from dynhair.config import write_config
 from dynhair.errors import DynhairError
 from dynhair.training import train
 from dynhair.training.batches import Batch, Batches
@@ -34,20 +25,9 @@ from dynhair.training.checkpoint import Checkpoint
 from dynhair.training.run import Run
 from synthetic import write_synthetic_capture
 
-CONFIG = Config(
-    hair=HairConfig(strands=60, points=10, deformer=DeformerConfig(hidden=8, width=16)),
-    static=StaticConfig(encoder_iterations=2, style_generations=0, iterations=6),
-    head=HeadConfig(gaussians=500, features=4, deformation_width=16, appearance_width=8),
-    training=TrainingConfig(iterations=12, image_size=32, precision="float32", checkpoint_every=5, preview_every=6),
-)
-
 
 def quiet() -> Console:
     return Console(file=io.StringIO())
-
-
-def with_iterations(iterations: int, **settings: int) -> Config:
-    return replace(CONFIG, training=replace(CONFIG.training, iterations=iterations, **settings))
 
 
 @pytest.fixture(scope="module")
@@ -99,17 +79,9 @@ def test_an_interrupted_run_goes_on_to_the_same_avatar(
     assert_same_avatar(out, trained)
 
 
-def assert_same_avatar(one: Path, other: Path) -> None:
-    a = safetensors.torch.load_file(one / "avatar" / "avatar.safetensors")
-    b = safetensors.torch.load_file(other / "avatar" / "avatar.safetensors")
-    assert a.keys() == b.keys()
-    for name, value in a.items():
-        assert torch.equal(value, b[name]), name
-
-
 @pytest.mark.slow
 def test_a_killed_run_goes_on_to_the_same_avatar(capture: Path, tmp_path: Path) -> None:
-    config = with_iterations(60, checkpoint_every=10)
+    config = with_training(iterations=60, checkpoint_every=10)
     write_config(config, tmp_path / "config.yaml")
     command = [sys.executable, "-m", "dynhair", "train", str(capture), "--config", str(tmp_path / "config.yaml")]
     subprocess.run([*command, "--out", str(tmp_path / "whole")], check=True, stdout=subprocess.DEVNULL, timeout=600)
@@ -144,8 +116,8 @@ def test_training_brings_the_avatar_closer_to_the_images(capture: Path, tmp_path
             total += float((images.rgb - truth).abs().mean())
         return total / segment.count
 
-    before = error(train(capture, tmp_path / "short", with_iterations(1), console=quiet()))
-    after = error(train(capture, tmp_path / "long", with_iterations(150), console=quiet()))
+    before = error(train(capture, tmp_path / "short", with_training(iterations=1), console=quiet()))
+    after = error(train(capture, tmp_path / "long", with_training(iterations=150), console=quiet()))
     assert after < 0.7 * before  # the head begins in the colours of the views
 
 

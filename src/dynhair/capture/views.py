@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from dynhair.capture.encoding import EncodedView, read_mask, read_orientation, r
 from dynhair.capture.layout import Layout
 from dynhair.capture.records import View
 from dynhair.errors import DynhairError
+from dynhair.threads import thread_count
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class ViewReader:
         """Read views as `read` does; what cannot be read is given as the error that says why."""
         found: dict[ViewFiles, EncodedView | DynhairError | None] = {view: self.cache.get(view) for view in views}
         missing = [view for view, encoded in found.items() if encoded is None]
-        workers = min(len(missing), os.cpu_count() or 1)
+        workers = min(len(missing), thread_count())
         if workers > 1:
             with ThreadPoolExecutor(workers) as pool:
                 found.update(zip(missing, pool.map(self._attempt, missing), strict=True))

@@ -77,7 +77,7 @@ class StepGuard:
         if not math.isfinite(norm):
             return "the gradient is not finite"
         usual = self.usual
-        if usual is not None and norm > EXPLOSION * usual:
+        if usual and norm > EXPLOSION * usual:
             return f"the gradient's norm is {norm:.3g}, usually {usual:.3g}"
         return None
 
