@@ -42,6 +42,31 @@ def test_a_restored_run_ends_bit_for_bit_like_an_uninterrupted_one(tmp_path: Pat
         assert torch.equal(value, second[0].state_dict()[name])
 
 
+def test_moments_lie_in_memory_as_their_parameter_does(tmp_path: Path) -> None:
+    def transposed() -> tuple[torch.nn.Module, torch.optim.Optimizer]:
+        module = torch.nn.Module()
+        module.register_parameter("weight", torch.nn.Parameter(torch.arange(12.0).view(3, 4).T.clone()))
+        assert not module.weight.is_contiguous()
+        return module, torch.optim.Adam(module.parameters(), lr=0.1, fused=True)
+
+    def go(module: torch.nn.Module, optimizer: torch.optim.Optimizer, first: int, stop: int) -> torch.Tensor:
+        for step in range(first, stop):
+            goal = torch.randn(4, 3, generator=torch.Generator().manual_seed(step))
+            optimizer.zero_grad()
+            (module.weight - goal).pow(4).sum().backward()
+            optimizer.step()
+        return module.weight.detach()
+
+    whole = go(*transposed(), 0, 8)
+    first = transposed()
+    go(*first, 0, 4)
+    Checkpoint.of(4, *first).write(tmp_path / "c.safetensors")
+    second = transposed()
+    Checkpoint.read(tmp_path / "c.safetensors").restore(*second)
+    assert second[1].state[second[0].weight]["exp_avg"].stride() == second[0].weight.stride()
+    assert torch.equal(go(*second, 4, 8), whole)
+
+
 @pytest.mark.parametrize("content", [b"", b"\x80\x04", b"x" * 100])
 def test_what_is_no_checkpoint_is_named(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "c.safetensors"

@@ -51,10 +51,14 @@ class Checkpoint:
         """Put the state back into a model and an optimizer made in the same way."""
         model.load_state_dict(self.model)
         described: dict[str, Any] = optimizer.state_dict()
+        parameters: list[Tensor] = [p for group in optimizer.param_groups for p in group["params"]]
         states: dict[int, dict[str, Tensor]] = {}
         for key, value in self.optimizer.items():
             index, name = key.split(".", 1)
-            states.setdefault(int(index), {})[name] = value
+            parameter = parameters[int(index)]
+            # fused optimizers pair the numbers of a parameter and of its moments as they lie in memory
+            laid = torch.empty_like(parameter).copy_(value) if value.shape == parameter.shape else value
+            states.setdefault(int(index), {})[name] = laid
         described["state"] = states
         optimizer.load_state_dict(described)
 
