@@ -43,13 +43,17 @@ def test_a_restored_run_ends_bit_for_bit_like_an_uninterrupted_one(tmp_path: Pat
 
 
 def test_moments_lie_in_memory_as_their_parameter_does(tmp_path: Path) -> None:
-    def transposed() -> tuple[torch.nn.Module, torch.optim.Optimizer]:
-        module = torch.nn.Module()
-        module.register_parameter("weight", torch.nn.Parameter(torch.arange(12.0).view(3, 4).T.clone()))
-        assert not module.weight.is_contiguous()
+    class Transposed(torch.nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.weight = torch.nn.Parameter(torch.arange(12.0).view(3, 4).T.clone())
+            assert not self.weight.is_contiguous()
+
+    def transposed() -> tuple[Transposed, torch.optim.Optimizer]:
+        module = Transposed()
         return module, torch.optim.Adam(module.parameters(), lr=0.1, fused=True)
 
-    def go(module: torch.nn.Module, optimizer: torch.optim.Optimizer, first: int, stop: int) -> torch.Tensor:
+    def go(module: Transposed, optimizer: torch.optim.Optimizer, first: int, stop: int) -> torch.Tensor:
         for step in range(first, stop):
             goal = torch.randn(4, 3, generator=torch.Generator().manual_seed(step))
             optimizer.zero_grad()
