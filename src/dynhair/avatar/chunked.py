@@ -18,6 +18,7 @@ from torch import Tensor
 from dynhair.threads import run, thread_count
 
 CHUNK = 2048
+LEAST_WORK = 1 << 26  # multiply-adds of a chunk in its largest layer: about a millisecond
 SLOPE = 0.01  # of the leaky ReLU for negative values, PyTorch's default
 
 
@@ -73,7 +74,7 @@ class _ChunkedLayers(torch.autograd.Function):
             if differentiated:
                 kept[number] = values[1:]
 
-        run(partial(_without_autograd, evaluate, share) for share in _shares(len(chunks)))
+        run(partial(_without_autograd, evaluate, share) for share in _shares(len(chunks), layers))
         ctx.dtype, ctx.hidden = dtype, len(layers) - 1
         ctx.none = [tensor is None for tensor in flat]
         ctx.save_for_backward(points, *chain(*kept), *[tensor for tensor in flat if tensor is not None])
@@ -87,7 +88,7 @@ class _ChunkedLayers(torch.autograd.Function):
         chunks = _chunks(points)
         kept, given = saved[: ctx.hidden * len(chunks)], iter(saved[ctx.hidden * len(chunks) :])
         layers = _layers([None if none else next(given) for none in ctx.none], points.dtype, ctx.dtype)
-        shares = _shares(len(chunks))
+        shares = _shares(len(chunks), layers)
         sums = [[_each(layer, partial(torch.zeros_like, dtype=points.dtype)) for layer in layers] for _ in shares]
         point_gradient = torch.zeros_like(points) if ctx.needs_input_grad[0] else None
 
@@ -128,9 +129,13 @@ def _without_autograd(work: Callable[[int], None], numbers: range) -> None:
             work(number)
 
 
-def _shares(chunks: int) -> list[range]:
-    """Contiguous chunks for each thread."""
-    count = max(min(thread_count(), chunks), 1)
+def _shares(chunks: int, layers: Sequence[PointLayer]) -> list[range]:
+    """Contiguous chunks for each thread, if threads are worth their while.
+
+    Threads wait for Python's lock between operations: where those are short, the waiting takes longer than the work.
+    """
+    work = CHUNK * max(layer.weight.numel() for layer in layers)
+    count = max(min(thread_count(), chunks), 1) if work >= LEAST_WORK else 1
     return [range(chunks * part // count, chunks * (part + 1) // count) for part in range(count)]
 
 
