@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from dynhair.native import compiled
+from dynhair.native import compiled, require_shapes
 from dynhair.threads import run, shares
 
 
@@ -30,7 +30,13 @@ def agreed(
         truth: what they are to be compared with.
         labels: drawn shares of hair and of body.
         true_labels: the truth's.
+
+    Raises:
+        DynhairError: the images differ in size.
     """
+    names = "hair", "body", "true hair", "true body"
+    shares = zip(names, (*labels, *true_labels), strict=True)
+    require_shapes(truth=(truth, colours.shape), **{name: (share, colours.shape[:-1]) for name, share in shares})
     given = colours, truth, *labels, *true_labels
     if all(tensor.dtype == torch.float32 and tensor.device.type == "cpu" for tensor in given):
         return _Agreed.apply(*given)  # pyright: ignore[reportReturnType]

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from dynhair.native import Kernel, compiled
+from dynhair.native import Kernel, compiled, require_shapes
 from dynhair.threads import run, shares
 
 _SOURCES = Path(__file__).with_name("native")
@@ -29,7 +29,11 @@ def mean_similarity(
         image: on the CPU, float32.
         target: likewise.
         window: weights along one axis, of 11 pixels.
+
+    Raises:
+        DynhairError: the images differ in size.
     """
+    require_shapes(target=(target, image.shape), window=(window, (11,)))
     return _MeanSimilarity.apply(image.contiguous(), target.contiguous(), window)  # pyright: ignore[reportReturnType]
 
 
@@ -38,14 +42,14 @@ class _MeanSimilarity(torch.autograd.Function):
     def forward(ctx: Any, image: Tensor, target: Tensor, window: Tensor) -> Tensor:
         count, height, width, channels = image.shape
         rows, kept = height - len(window) + 1, (width - len(window) + 1) * channels
-        sums = torch.empty(count * rows)
+        sums = image.new_empty(count * rows)
         differentiate = ctx.needs_input_grad[0]
-        derivatives = [torch.empty(count * rows * kept if differentiate else 0) for _ in range(3)]
+        derivatives = [image.new_empty(count * rows * kept if differentiate else 0) for _ in range(3)]
         kernel, room = _forward(), 4 * (width * channels + SPARE)
         run(
             partial(
                 kernel, *some, height, width, channels, int(differentiate),
-                image, target, window, torch.zeros(room), sums, *derivatives,
+                image, target, window, image.new_zeros(room), sums, *derivatives,
             )
             for some in shares(count * rows)
         )  # fmt: skip
@@ -63,7 +67,7 @@ class _MeanSimilarity(torch.autograd.Function):
         run(
             partial(
                 kernel, *some, height, width, channels,
-                image, target, window, *derivatives, torch.zeros(room), gradient,
+                image, target, window, *derivatives, image.new_zeros(room), gradient,
             )
             for some in shares(count * height)
         )  # fmt: skip

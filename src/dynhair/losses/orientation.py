@@ -6,6 +6,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from dynhair.losses.differences import added_up
+
 COVERAGE = 0.5
 """Above which a pixel belongs to a hair mask."""
 
@@ -36,9 +38,8 @@ def orientation_loss(
         The weighted mean in [0, pi / 2]; zero where the masks do not meet.
     """
     weight = orientation_weight(predicted_hair, target_hair, confidence)
-    difference = predicted - target
-    angle = (difference - difference.detach().round()).abs()
-    return torch.pi * (weight * angle).sum() / weight.sum().clamp_min(torch.finfo(weight.dtype).tiny)
+    angles = added_up(predicted, target, weight=weight, turns=True)
+    return torch.pi * angles / weight.sum().clamp_min(torch.finfo(weight.dtype).tiny)
 
 
 def orientation_weight(

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dynhair.errors import DynhairError
+from dynhair.losses.differences import added_up
 from dynhair.losses.native_ssim import mean_similarity
 
 WINDOW = 11
@@ -18,7 +19,7 @@ SIGMA = 1.5
 
 def l1_loss(predicted: Float[Tensor, "*shape"], target: Float[Tensor, "*shape"]) -> Float[Tensor, ""]:
     """Mean absolute difference, the paper's ``L_rgb``."""
-    return (predicted - target).abs().mean()
+    return added_up(predicted, target) / predicted.numel()
 
 
 def ssim_loss(predicted: Float[Tensor, "*v h w c"], target: Float[Tensor, "*v h w c"]) -> Float[Tensor, ""]:

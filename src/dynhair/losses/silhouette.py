@@ -5,6 +5,8 @@ from __future__ import annotations
 from jaxtyping import Float
 from torch import Tensor
 
+from dynhair.losses.differences import added_up
+
 
 def segmentation_loss(
     predicted: Float[Tensor, "*v h w"], target: Float[Tensor, "*v h w"], *, excess: float = 0.5
@@ -16,9 +18,7 @@ def segmentation_loss(
         target: hair mask in [0, 1].
         excess: weight of coverage beyond the mask.
     """
-    missing = (target - predicted).clamp_min(0)
-    beyond = (predicted - target).clamp_min(0)
-    return missing.mean() + excess * beyond.mean()
+    return added_up(predicted, target, above=excess) / predicted.numel()
 
 
 def segmentation_weight(
