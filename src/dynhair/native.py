@@ -5,12 +5,13 @@ from __future__ import annotations
 import functools
 import inspect
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
+from dynhair.errors import DynhairError
 from dynhair.render.warp_runtime import warp
 
 Kernel = Callable[..., None]
@@ -42,6 +43,20 @@ def compiled(*sources: Path, integers: str, arrays: str, channels: int = 0) -> K
     """
     with _compiling:
         return _compile(sources, integers, arrays, channels)
+
+
+def require_shapes(**tensors: tuple[Tensor, Sequence[int]]) -> None:
+    """Refuse tensors that compiled code, which sees addresses alone, would read or write beyond.
+
+    Args:
+        tensors: by name, each with the shape that it must have.
+
+    Raises:
+        DynhairError: one has another shape.
+    """
+    for name, (tensor, shape) in tensors.items():
+        if tensor.shape != tuple(shape):
+            raise DynhairError(f"`{name}` has the shape {tuple(tensor.shape)}", expected=f"{tuple(shape)}")
 
 
 @functools.cache
@@ -77,9 +92,10 @@ def _compile(sources: tuple[Path, ...], integers: str, arrays: str, channels: in
         for tensor, dtype in zip(tensors, dtypes, strict=True):
             assert isinstance(tensor, Tensor)
             assert tensor.dtype is dtype
+            assert tensor.device.type == "cpu"
             assert tensor.is_contiguous()
             addresses.append(tensor.data_ptr())
-        table = torch.tensor([*integers, *addresses], dtype=torch.int64)
+        table = torch.tensor([*integers, *addresses], dtype=torch.int64, device="cpu")
         wp.launch(kernel, dim=1, inputs=[wp.from_torch(table, return_ctype=True)], device="cpu")
 
     return launch

@@ -7,6 +7,7 @@ import torch
 
 from dynhair.avatar.drawn_hair import COLOURS, drawn_hair, plain_drawn_hair
 from dynhair.camera import Camera
+from dynhair.errors import DynhairError
 
 WIDTH = 0.001
 
@@ -65,6 +66,40 @@ def test_a_segment_without_length_has_finite_gradients() -> None:
     sum(values.sum() for values in hair).backward()  # pyright: ignore[reportAttributeAccessIssue]
     assert strands.grad is not None
     assert strands.grad.isfinite().all()
+
+
+@pytest.mark.parametrize(("strands", "points"), [(0, 5), (3, 1)])
+def test_hair_without_segments_draws_nothing(strands: int, points: int) -> None:
+    given = [tensor.float().requires_grad_() for tensor in hairstyle(strands, points)]
+    hair = drawn_hair(given[0], WIDTH, given[1], given[2], cameras(torch.float32))
+    assert [len(hair.means), len(hair.quats), len(hair.scales)] == [0, 0, 0]
+    assert hair.features.shape == (2, 0, 7)
+    hair.features.sum().backward()
+    assert given[0].grad is not None
+    assert given[0].grad.shape == (strands, points, 3)
+    assert not given[0].grad.any()
+
+
+def test_tensors_may_lie_in_memory_in_any_order() -> None:
+    given = [tensor.float() for tensor in hairstyle(4, 18)]
+    strewn = [tensor.mT.contiguous().mT.requires_grad_() for tensor in given]
+    assert not any(tensor.is_contiguous() for tensor in strewn[:1])
+    found = []
+    for strands, base, higher in (given, strewn):
+        strands.requires_grad_()
+        hair = drawn_hair(strands, WIDTH, base, higher, cameras(torch.float32))
+        (hair.features.square().sum() + hair.means.mT.contiguous().mT.square().sum()).backward()
+        found.append((*hair, strands.grad))
+    for one, other in zip(*found, strict=True):
+        assert one is not None
+        assert other is not None
+        assert torch.equal(one, other)
+
+
+def test_harmonics_of_another_hairstyle_are_refused() -> None:
+    strands, (_, base, higher) = hairstyle(3, 6)[0], hairstyle(3, 5)
+    with pytest.raises(DynhairError, match=r"`base` has the shape \(1, 3, 12\)\nexpected: \(1, 3, 15\)"):
+        drawn_hair(strands.float(), WIDTH, base.float(), higher.float(), cameras(torch.float32))
 
 
 def test_a_colour_does_not_move_what_it_is_the_colour_of() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 import torch
 
 from dynhair.losses.agreement import agreed
@@ -27,7 +28,9 @@ def test_colours_count_as_far_as_labels_agree() -> None:
     torch.testing.assert_close(result, truth + common[..., None] * (colours - truth))
 
 
-def test_the_compiled_gradient_is_that_of_the_plain_formula() -> None:
+@pytest.mark.parametrize("threads", [1, 3])
+def test_the_compiled_gradient_is_that_of_the_plain_formula(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dynhair.threads.thread_count", lambda: threads)
     gradients = []
     for dtype in (torch.float32, torch.float64):
         colours, truth, *labels = pictures(dtype)
@@ -39,3 +42,13 @@ def test_the_compiled_gradient_is_that_of_the_plain_formula() -> None:
         assert colours.grad is not None
         gradients.append(colours.grad)
     torch.testing.assert_close(gradients[0].double(), gradients[1], rtol=1e-5, atol=1e-5)
+
+
+def test_images_may_lie_in_any_order_or_have_no_pixels() -> None:
+    colours, truth, *labels = pictures(torch.float32)
+    shares = [label.mT.contiguous().mT for label in labels]
+    strewn = [image.movedim(-1, 1).contiguous().movedim(1, -1) for image in (colours, truth)]
+    found = agreed(strewn[0], strewn[1], (shares[0], shares[1]), (shares[2], shares[3]))
+    assert torch.equal(found, agreed(colours, truth, (labels[0], labels[1]), (labels[2], labels[3])))
+    none = [label[:0] for label in labels]
+    assert agreed(colours[:0], truth[:0], (none[0], none[1]), (none[2], none[3])).shape == (0, 4, 5, 3)

@@ -14,7 +14,7 @@ from torch.autograd.function import once_differentiable
 
 from dynhair.avatar.spherical_harmonics import harmonics_colours
 from dynhair.camera import Camera
-from dynhair.native import Kernel, compiled
+from dynhair.native import Kernel, compiled, require_shapes
 from dynhair.strands import projected_orientation, root_taper, strand_gaussians
 from dynhair.threads import run, shares
 
@@ -60,12 +60,17 @@ def drawn_hair(
         base: harmonics of degree 0.
         higher: of degrees 1 to 3.
         cameras: the views; they get no gradient.
+
+    Raises:
+        DynhairError: the harmonics are not those of these strands' Gaussians.
     """
+    count = strands.shape[0] * (strands.shape[1] - 1)
+    require_shapes(base=(base, (1, 3, count)), higher=(higher, (15, 3, count)))
     given = strands, base, higher
     if any(tensor.dtype != torch.float32 or tensor.device.type != "cpu" for tensor in given):
         return plain_drawn_hair(strands, width, base, higher, cameras)
     views = torch.stack([_packed(camera) for camera in cameras])
-    widths = width / 2 * root_taper(strands.shape[1] - 1)
+    widths = width / 2 * root_taper(strands.shape[1] - 1).to(strands)
     return DrawnHair(*_DrawnHair.apply(*(tensor.contiguous() for tensor in given), widths, views))
 
 
@@ -92,7 +97,7 @@ class _DrawnHair(torch.autograd.Function):
     def forward(ctx: Any, strands: Tensor, base: Tensor, higher: Tensor, widths: Tensor, views: Tensor) -> Any:
         (count, points, _), seen = strands.shape, len(views)
         n = count * (points - 1)
-        means, quats, scales, features = (torch.empty(shape) for shape in ((n, 3), (n, 4), (n, 3), (seen, n, 7)))
+        means, quats, scales, features = (strands.new_empty(shape) for shape in ((n, 3), (n, 4), (n, 3), (seen, n, 7)))
         kernel = _forward()
         run(
             partial(
@@ -108,7 +113,8 @@ class _DrawnHair(torch.autograd.Function):
     def backward(ctx: Any, *gradients: Tensor) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
         strands, views, features = ctx.saved_tensors
         (count, points, _), n = strands.shape, features.shape[1]
-        of_strands, of_base, of_higher = torch.zeros_like(strands), torch.empty(1, 3, n), torch.empty(15, 3, n)
+        of_strands = torch.zeros_like(strands)
+        of_base, of_higher = strands.new_empty(1, 3, n), strands.new_empty(15, 3, n)
         given, kernel = [gradient.contiguous() for gradient in gradients], _backward()
         run(
             partial(

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from dynhair.native import compiled
+from dynhair.native import compiled, require_shapes
 from dynhair.threads import run, shares
 
 
@@ -42,7 +42,11 @@ def layers(
         features: two labels, a doubled angle, and what is seen, over black.
         alpha: coverage by anything.
         background: behind what is seen; no gradient.
+
+    Raises:
+        DynhairError: the features are not those of this background and coverage.
     """
+    require_shapes(features=(features, (*alpha.shape, 4 + len(background))))
     given = features, alpha, background
     quick = all(tensor.dtype == torch.float32 and tensor.device.type == "cpu" for tensor in given)
     return Layers(*(_CompiledLayers if quick else _Layers).apply(*given))
@@ -70,7 +74,7 @@ class _CompiledLayers(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, features: Tensor, alpha: Tensor, background: Tensor) -> Any:
         shape, channels = alpha.shape, len(background)
-        found = [torch.empty(size) for size in ((*shape, channels), shape, shape, (*shape, 2))]
+        found = [alpha.new_empty(size) for size in ((*shape, channels), shape, shape, (*shape, 2))]
         _split(features.contiguous(), alpha.contiguous(), background, found, back=False)
         ctx.save_for_backward(background)
         return tuple(found)
@@ -80,7 +84,7 @@ class _CompiledLayers(torch.autograd.Function):
     def backward(ctx: Any, *gradients: Tensor) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
         (background,) = ctx.saved_tensors
         shape = gradients[1].shape
-        features, alpha = torch.empty(*shape, 4 + len(background)), torch.empty(shape)
+        features, alpha = (background.new_empty(size) for size in ((*shape, 4 + len(background)), shape))
         _split(features, alpha, background, [gradient.contiguous() for gradient in gradients], back=True)
         return features, alpha, None
 

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from dynhair.native import Kernel, compiled
+from dynhair.native import Kernel, compiled, require_shapes
 from dynhair.threads import run, shares
 
 _SOURCES = Path(__file__).with_name("native")
@@ -75,9 +75,27 @@ def posed_gaussians(
         change: what the expression does to them.
         frames: where head and body are, see :meth:`dynhair.avatar.skinning.Skinning.frames`.
         reaches: factors on ``moved`` (metres) and on ``offsets``.
+
+    Raises:
+        DynhairError: the tensors are not of the same Gaussians.
     """
+    count, moving = len(canonical.means), len(change.shifts)
+    require_shapes(
+        frames=(frames, (32,)),
+        means=(canonical.means, (count, 3)),
+        quats=(canonical.quats, (count, 4)),
+        log_scales=(canonical.log_scales, (count, 3)),
+        logits=(canonical.logits, (count,)),
+        follow=(canonical.follow, (count,)),
+        moved=(canonical.moved, (count, 3)),
+        offsets=(canonical.offsets, (count, 8)),
+        slots=(change.slots, (count,)),
+        shifts=(change.shifts, (moving, 3)),
+        turns=(change.turns, (moving, 4)),
+        growth=(change.growth, (moving,)),
+    )
     tensors = [tensor.contiguous() for tensor in (*canonical, *change, frames)]
-    return Posed(*_Posed.apply(*tensors, torch.tensor(reaches)))
+    return Posed(*_Posed.apply(*tensors, frames.new_tensor(reaches)))
 
 
 class _Posed(torch.autograd.Function):
@@ -105,7 +123,7 @@ class _Posed(torch.autograd.Function):
             torch.empty_like(like) for like in (means, quats, moved, offsets, follow)
         )
         parts, kernel = shares(len(means)), _backward()
-        of_frames = torch.empty(len(parts), 32)
+        of_frames = means.new_empty(len(parts), 32)
         run(
             partial(kernel, *some, *read, *given, of_means, of_quats, of_moved, of_offsets, of_follow, of_frames[part])
             for part, some in enumerate(parts)
