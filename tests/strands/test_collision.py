@@ -89,7 +89,6 @@ def test_the_nearest_face_holds_the_nearest_point() -> None:
 def test_several_threads_find_what_one_finds(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh, points = MeshDistance(*sphere()), points_about(0.1, 1001)
     alone = mesh.nearest(points)
-    monkeypatch.setattr("dynhair.strands.collision.thread_count", lambda: 3)
     monkeypatch.setattr("dynhair.threads.thread_count", lambda: 3)
     for one, several in zip(alone, mesh.nearest(points), strict=True):
         assert torch.equal(one, several)

@@ -11,9 +11,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from dynhair.render.parallel import share
 from dynhair.render.warp_runtime import warp
-from dynhair.threads import run, thread_count
+from dynhair.threads import run, shares
 
 _compiling = threading.Lock()
 
@@ -117,9 +116,9 @@ class MeshDistance:
             face=torch.empty(len(points), dtype=torch.int32, device=self._device),
         )
         # On a CPU a launch keeps to one thread.
-        parts = thread_count() if self._device.type == "cpu" else 1
+        parts = shares(len(points)) if self._device.type == "cpu" else [(0, len(points))]
         with self._lock, self._stream():
-            run(partial(self._find, points, found, *places) for places in share(len(points), parts))
+            run(partial(self._find, points, found, *places) for places in parts)
         return found
 
     def _find(self, points: Float[Tensor, "p 3"], found: Nearest, first: int, last: int) -> None:
