@@ -11,7 +11,11 @@ from dynhair.losses.differences import added_up
 @pytest.mark.parametrize("size", [1, 15, 1024, 5003])
 @pytest.mark.parametrize("turns", [False, True])
 @pytest.mark.parametrize("weighted", [False, True])
-def test_the_compiled_sum_and_gradient_are_those_of_the_plain_formula(size: int, turns: bool, weighted: bool) -> None:
+@pytest.mark.parametrize("threads", [1, 3])
+def test_the_compiled_sum_and_gradient_are_those_of_the_plain_formula(
+    size: int, turns: bool, weighted: bool, threads: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dynhair.threads.thread_count", lambda: threads)
     generator = torch.Generator().manual_seed(size)
     predicted, target, weight = torch.rand(3, size, generator=generator)
     predicted[:1] = target[:1]  # equal: no gradient in either
@@ -54,3 +58,12 @@ def test_parts_of_larger_tensors_are_compared() -> None:
     images = torch.rand(4, 6, 3, generator=torch.Generator().manual_seed(1))
     left, right = images[:, :3], images[:, 3:]
     torch.testing.assert_close(added_up(left, right), (left - right).abs().sum())
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_images_without_pixels_add_up_to_nothing(weighted: bool) -> None:
+    none = torch.zeros(0, 4, requires_grad=True)
+    total = added_up(none, torch.zeros(0, 4), weight=torch.zeros(0, 4) if weighted else None)
+    total.backward()
+    assert total.item() == 0
+    assert none.grad is not None

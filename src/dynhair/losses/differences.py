@@ -12,7 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from dynhair.native import Kernel, compiled
+from dynhair.native import Kernel, compiled, require_shapes
 from dynhair.threads import run, shares
 
 
@@ -36,8 +36,12 @@ def added_up(
         below: factor on differences where it is the smaller one.
         weight: of each difference; one if not given.
         turns: these are angles in turns, of which whole ones do not count.
+
+    Raises:
+        DynhairError: the images differ in size.
     """
     given = [predicted, target] if weight is None else [predicted, target, weight]
+    require_shapes(target=(target, predicted.shape), weight=(given[-1], predicted.shape))
     if all(tensor.dtype == torch.float32 and tensor.device.type == "cpu" for tensor in given) and not any(
         tensor.requires_grad for tensor in given[1:]
     ):
