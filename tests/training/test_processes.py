@@ -85,6 +85,25 @@ def test_a_process_takes_its_share_of_the_cores(given: str, threads: int, monkey
         torch.set_num_threads(before)
 
 
+def test_processes_agree_on_tensors_that_lie_in_any_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    theirs = torch.arange(12.0).view(3, 4)
+
+    def broadcast(tensor: Tensor, src: int) -> None:
+        assert src == 0
+        assert tensor.is_contiguous()  # NCCL refuses others
+        tensor.copy_(theirs.view(tensor.shape))
+
+    monkeypatch.setattr(torch.distributed, "broadcast", broadcast)
+    module = torch.nn.Module()
+    module.strewn = torch.nn.Parameter(torch.zeros(4, 3).T)
+    module.register_buffer("plain", torch.zeros(3, 4))
+    processes = Processes()
+    processes.count = 2
+    processes.agree(module)
+    assert torch.equal(module.strewn, theirs)
+    assert torch.equal(module.get_buffer("plain"), theirs)
+
+
 def test_the_steps_of_processes_average_to_the_step_of_one(capture: Path) -> None:
     data = Capture.open(capture)
     segments = training_segments(data)

@@ -115,7 +115,9 @@ class Processes:
         """Give all processes the first one's parameters and buffers, to the last bit."""
         if self.count > 1:
             for tensor in (*module.parameters(), *module.buffers()):
-                torch.distributed.broadcast(tensor, src=0)
+                given = tensor.contiguous()  # NCCL sends no others
+                torch.distributed.broadcast(given, src=0)
+                tensor.copy_(given)
 
 
 def _take_share_of_threads(processes: int) -> None:
