@@ -303,6 +303,35 @@ def test_gradients_of_the_positional_encoding() -> None:
     assert torch.autograd.gradcheck(lambda x: positional_encoding(x, 3), (x,))
 
 
+def expressive(count: int, config: HeadConfig = CONFIG) -> Head:
+    """A head four of whose Gaussians move, turn and grow with the expression."""
+    torch.manual_seed(count)
+    vectors = torch.randn(2, 4, 3)
+    some = torch.tensor([3, 0, 4, 2])
+    modes = ExpressionModes(
+        some, torch.tensor([0, 2]), REST.expression, 0.01 * vectors, 0.3 * vectors, 0.1 * vectors[..., 0]
+    )
+    head = Head(replace(start(count), modes=modes), start(count).means[:5], REST, config)
+    with torch.no_grad():
+        for parameter in head.parameters():
+            parameter.add_(0.1 * torch.randn_like(parameter))
+    return head
+
+
+def test_an_expression_that_is_fitted_gets_its_whole_gradient() -> None:
+    quick = expressive(20)
+    found = []
+    for head in (quick, copy.deepcopy(quick).double()):
+        pose = HeadPose(*[part.to(head.means, copy=True) for part in vars(TURNED).values()])
+        pose.expression.add_(torch.arange(3) / 5).requires_grad_()
+        posed = head(pose)
+        (posed.scales.sum() + posed.quats[:, 1].sum()).backward()  # what the expression's turns and growth change
+        assert pose.expression.grad is not None
+        found.append(pose.expression.grad.double())
+    torch.testing.assert_close(found[0], found[1], rtol=1e-4, atol=1e-5)
+    assert found[1].abs().max() > 1e-3
+
+
 @pytest.mark.parametrize("count", [5, 16, 60])
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("follow_weights", [True, False])
@@ -310,17 +339,7 @@ def test_the_compiled_pose_has_the_values_and_gradients_of_the_plain_formulas(
     count: int, threads: int, follow_weights: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("dynhair.threads.thread_count", lambda: threads)
-    torch.manual_seed(count)
-    vectors = torch.randn(2, 4, 3)
-    some = torch.tensor([3, 0, 4, 2])
-    modes = ExpressionModes(
-        some, torch.tensor([0, 2]), REST.expression, 0.01 * vectors, 0.3 * vectors, 0.1 * vectors[..., 0]
-    )
-    config = replace(CONFIG, follow_weights=follow_weights)
-    quick = Head(replace(start(count), modes=modes), start(count).means[:5], REST, config)
-    with torch.no_grad():
-        for parameter in quick.parameters():
-            parameter.add_(0.1 * torch.randn_like(parameter))
+    quick = expressive(count, replace(CONFIG, follow_weights=follow_weights))
     plain = copy.deepcopy(quick).double()
     names = "rotation", "translation", "rotation_vector"
     found: list[dict[str, torch.Tensor]] = []

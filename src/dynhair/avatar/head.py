@@ -131,6 +131,7 @@ class Head(nn.Module):
         colour = self.colour(self.features, weight, pose.expression, code)
         offsets = self.attributes(self.features, weight, pose.expression, code)
         compiled = self.means.device.type == "cpu" and self.means.dtype == torch.float32
+        compiled = compiled and not pose.expression.requires_grad  # its turns and growth have no gradient there
         posed = self._posed_at_once(pose, offsets) if compiled else self._posed_by_passes(pose, offsets)
         return HeadGaussians(
             means=posed.means,
