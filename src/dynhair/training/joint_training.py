@@ -145,7 +145,7 @@ class JointTraining:
         gradients = [p.grad for group in self.optimizer.param_groups for p in group["params"] if p.grad is not None]
         self.processes.average([values, *gradients])
         norms = gradient_norms(self.optimizer)
-        loss, asked, *rest = torch.cat([values, norms]).tolist()  # the step's only wait for the device
+        loss, asked, *rest = torch.cat([values, norms]).tolist()  # one wait for the device, not one for each
         names = [group["name"] for group in self.optimizer.param_groups]
         return Outcome(
             loss,
