@@ -37,6 +37,7 @@ from dynhair.motion import SignalNormalizer, motion_signals
 from dynhair.render import cpu, kernels
 from dynhair.strands import sample_roots
 from dynhair.threads import keep_large_blocks, large_pieces
+from dynhair.training import contact as contact_module
 from dynhair.training import objective as objective_module
 from dynhair.training.batches import Batch, Batches
 from dynhair.training.frames import head_frame, rest_frame, training_segments
@@ -178,6 +179,7 @@ def watch(stopwatch: Stopwatch, objective: JointObjective) -> None:
         if getattr(function, "__module__", "").startswith("dynhair.losses") and name.endswith("_loss"):
             stopwatch.watch(objective_module, name, f"loss: {name.removesuffix('_loss')}")
     stopwatch.watch(objective_module, "agreed_colours", "loss: agreed colours")
+    stopwatch.watch(contact_module, "depth_loss", "loss: penetration")  # after the query, which another thread makes
 
 
 def started(capture: Capture, config: Config) -> JointObjective:

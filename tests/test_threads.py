@@ -7,7 +7,7 @@ import threading
 import pytest
 import torch
 
-from dynhair.threads import keep_large_blocks, large_pieces, run, thread_count
+from dynhair.threads import beside, keep_large_blocks, large_pieces, run, thread_count
 
 
 def test_pytorch_is_held_to_one_thread_inside_the_block_only() -> None:
@@ -44,3 +44,9 @@ def test_every_task_runs_and_errors_come_out(threads: int, monkeypatch: pytest.M
 def test_keeping_blocks_does_no_harm() -> None:
     keep_large_blocks()
     assert torch.ones(1 << 20).sum() == 1 << 20
+
+
+def test_work_beside_gives_its_result_and_its_error() -> None:
+    assert beside(threading.get_ident)() != threading.get_ident()
+    with pytest.raises(ZeroDivisionError):
+        beside(lambda: 1 // 0)()

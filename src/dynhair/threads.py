@@ -12,9 +12,12 @@ import ctypes
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
 
 import torch
 from threadpoolctl import threadpool_limits
+
+T = TypeVar("T")
 
 _own: int | None = None
 
@@ -50,6 +53,18 @@ def run(tasks: Iterable[Callable[[], None]]) -> None:
     with ThreadPoolExecutor(workers) as pool:  # not kept: its threads would not survive a fork
         for done in [pool.submit(task) for task in tasks]:
             done.result()
+
+
+def beside(work: Callable[[], T]) -> Callable[[], T]:
+    """Begin work in a thread of its own, which :func:`thread_count` does not count.
+
+    Returns:
+        What waits for the work and returns its result, or raises its error.
+    """
+    pool = ThreadPoolExecutor(1)
+    result = pool.submit(work).result
+    pool.shutdown(wait=False)  # its thread ends with the work
+    return result
 
 
 def shares(count: int) -> list[tuple[int, int]]:

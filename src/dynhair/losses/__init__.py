@@ -10,7 +10,7 @@ from dynhair.losses.crops import Crop, perceptual_crop_loss, random_crops
 from dynhair.losses.orientation import direction_loss, orientation_loss, orientation_weight
 from dynhair.losses.perceptual import PerceptualDistance, lpips_loss
 from dynhair.losses.photometric import l1_loss, ssim, ssim_loss, ssim_map
-from dynhair.losses.physics import elastic_loss, penetration_loss, sample_strand_points
+from dynhair.losses.physics import depth_loss, elastic_loss, penetration_loss, sample_strand_points
 from dynhair.losses.regularizers import (
     grows_in_front,
     length_loss,
@@ -27,6 +27,7 @@ __all__ = [
     "colour_gradient_loss",
     "colour_neighbours",
     "colour_spatial_loss",
+    "depth_loss",
     "direction_loss",
     "elastic_loss",
     "grows_in_front",

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from dynhair.strands import MeshDistance, segment_lengths
+from dynhair.strands.collision import Nearest
 
 
 def elastic_loss(posed: Float[Tensor, "*b n l 3"], rest: Float[Tensor, "n l 3"]) -> Float[Tensor, ""]:
@@ -60,10 +61,22 @@ def penetration_loss(
     Returns:
         Mean squared distance to the surface over the inside points, square metres; zero if there are none.
     """
-    distance, closest, face = mesh.nearest(points)
-    inside = distance < 0
+    return depth_loss(points, mesh.nearest(points), counted)
+
+
+def depth_loss(
+    points: Float[Tensor, "p 3"], nearest: Nearest, counted: Bool[Tensor, " f"] | None = None
+) -> Float[Tensor, ""]:
+    """:func:`penetration_loss` of points of which it is known already what is nearest to them.
+
+    Args:
+        points: strand points, metres, in the mesh's frame.
+        nearest: what of the mesh is nearest to each.
+        counted: the faces that points are kept in front of.
+    """
+    inside = nearest.distance < 0
     if counted is not None:
-        inside = inside & counted[face.long()]
+        inside = inside & counted[nearest.face.long()]
     inside = inside.to(points)
-    depth = (points - closest.to(points)).square().sum(dim=-1)
+    depth = (points - nearest.position.to(points)).square().sum(dim=-1)
     return (inside * depth).sum() / inside.sum().clamp_min(1)

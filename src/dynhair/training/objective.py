@@ -24,17 +24,16 @@ from dynhair.losses import (
     l1_loss,
     orientation_loss,
     orientation_weight,
-    penetration_loss,
     perceptual_crop_loss,
     random_crops,
-    sample_strand_points,
     segmentation_loss,
     segmentation_weight,
     ssim_loss,
 )
 from dynhair.losses.agreement import agreed
-from dynhair.strands import MeshDistance, Roots
+from dynhair.strands import Roots
 from dynhair.training.batches import Batch
+from dynhair.training.contact import SurfaceContact
 from dynhair.training.surface import tracked_surface
 
 SPATIAL_PARTS = 8
@@ -42,10 +41,6 @@ SPATIAL_PARTS = 8
 
 SQUARED_HARMONIC = 4 * math.pi
 """What a squared coefficient of degree 0 is more than the squared colour it stands for."""
-
-
-HEAD_FOLLOWS = 0.5
-"""A face of the tracked surface is the head's, not the body's, where its vertices follow the head by more than this."""
 
 
 class StepResult(NamedTuple):
@@ -94,12 +89,18 @@ class JointObjective(nn.Module):
         self._perceptual = (perceptual,)  # not a part of what is trained and saved
         self._capture = capture
         self._segments = segments
-        self._points = points
         self._tracks = [capture.track(segment) for segment in segments]
         with torch.no_grad():
             self._conditions = [avatar.conditions(track) for track in self._tracks]
-        self._surface = tracked_surface(capture)
         self._device = avatar.background.device
+        self._contact = SurfaceContact(
+            tracked_surface(capture),
+            segments[0].start,
+            points,
+            config.penetration_points,
+            body=config.body_collision,
+            device=self._device,
+        )
         self._first_frame = [sum(segment.count for segment in segments[:number]) for number in range(len(segments))]
         # One parameter a frame, so that a step leaves the other frames' corrections and their momenta alone.
         frames = sum(segment.count for segment in segments)
@@ -112,9 +113,6 @@ class JointObjective(nn.Module):
             if config.weights.colour_spatial > 0
             else None
         )
-        self._mesh = MeshDistance(self._surface.vertices(segments[0].start).to(self._device), self._surface.faces)
-        with_head = self._surface.follow[self._surface.faces].mean(1) > HEAD_FOLLOWS
-        self._obstacle = None if config.body_collision else with_head.to(self._device)
 
     def forward(self, batch: Batch, step: int) -> StepResult:
         """Draw the batch's frame and compare it with the images."""
@@ -124,12 +122,10 @@ class JointObjective(nn.Module):
         pose = tracked_pose.corrected(self.pose_corrections[self._first_frame[batch.segment] + batch.index])
         window = self.avatar.window(self._conditions[batch.segment], batch.index)
         posed = self.avatar.posed(pose, window)
+        generator = torch.Generator().manual_seed(config.seed * 1_000_003 + step)
+        contact = self._contact.begin(segment.start + batch.index, posed.strands, generator)
         images = self.avatar.render(posed, batch.cameras)
 
-        surface = self._surface.vertices(segment.start + batch.index).to(self._device)
-        self._mesh.refit(surface)
-        generator = torch.Generator().manual_seed(config.seed * 1_000_003 + step)
-        points = sample_strand_points(posed.strands, config.penetration_points, generator=generator)
         rest = self.avatar.canonical_strands.detach()
         rgb = agreed_colours(images, batch)
         terms = {
@@ -138,11 +134,10 @@ class JointObjective(nn.Module):
             "segmentation": segmentation_loss(images.hair, batch.hair),
             "body": l1_loss(images.body, batch.body),
             "orientation": self._orientation(images, batch),
-            "penetration": penetration_loss(points, self._mesh, self._obstacle),
             "elastic": elastic_loss(posed.strands, rest),
         }
-        if self._points is not None:
-            tracked = self._points.positions(surface)
+        terms["penetration"], tracked = contact()
+        if tracked is not None:
             terms["tracking"] = (posed.head.means[-len(tracked) :] - tracked).square().sum(-1).mean()
         if images.coarse is not None:
             terms["coarse"] = l1_loss(
