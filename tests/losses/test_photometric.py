@@ -14,6 +14,7 @@ from skimage.metrics import structural_similarity
 
 from dynhair.errors import DynhairError
 from dynhair.losses import l1_loss, ssim, ssim_loss, ssim_map
+from dynhair.losses.native_ssim import mean_similarity
 
 
 def pictures(seed: int, height: int = 24, width: int = 31, noise: float = 0.2) -> tuple[torch.Tensor, torch.Tensor]:
@@ -118,3 +119,23 @@ def test_the_compiled_similarity_has_the_value_and_the_gradient_of_the_plain_one
     torch.testing.assert_close(
         3 * quick.grad.double(), plain.grad, rtol=1e-4, atol=1e-5 * float(plain.grad.abs().max())
     )
+
+
+def test_images_may_lie_in_any_order_or_be_none() -> None:
+    images = torch.rand(2, 2, 20, 18, 3, generator=torch.Generator().manual_seed(2))
+    strewn = images.movedim(-1, 2).contiguous().movedim(2, -1)
+    found = []
+    for some in (images, strewn):
+        image = some[0].detach().requires_grad_()
+        similarity = ssim(image, some[1])
+        similarity.backward()
+        found.append((similarity.detach(), image.grad))
+    assert torch.equal(found[0][0], found[1][0])
+    torch.testing.assert_close(found[0][1], found[1][1], rtol=0, atol=0)
+    assert ssim(images[0, :0], images[1, :0]).isnan()
+
+
+def test_a_window_of_another_size_is_refused() -> None:
+    image = torch.rand(1, 20, 20, 3)
+    with pytest.raises(DynhairError, match="`window` has the shape"):
+        mean_similarity(image, image, torch.full((7,), 1 / 7))
