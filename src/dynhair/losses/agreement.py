@@ -34,9 +34,14 @@ def agreed(
     Raises:
         DynhairError: the images differ in size.
     """
-    names = "hair", "body", "true hair", "true body"
-    shares = zip(names, (*labels, *true_labels), strict=True)
-    require_shapes(truth=(truth, colours.shape), **{name: (share, colours.shape[:-1]) for name, share in shares})
+    size = colours.shape[:-1]
+    require_shapes(
+        truth=(truth, colours.shape),
+        hair=(labels[0], size),
+        body=(labels[1], size),
+        true_hair=(true_labels[0], size),
+        true_body=(true_labels[1], size),
+    )
     given = colours, truth, *labels, *true_labels
     if all(tensor.dtype == torch.float32 and tensor.device.type == "cpu" for tensor in given):
         return _Agreed.apply(*given)  # pyright: ignore[reportReturnType]
