@@ -10,6 +10,8 @@ from torch import Tensor, nn
 
 from dynhair.avatar.mlp import PointMLP
 
+Rows: TypeAlias = "slice | Tensor"
+
 
 class Branches(nn.Module):
     """Two MLPs for the same points, blended point by point; each is evaluated only where its weight is not zero.
@@ -37,6 +39,7 @@ class Branches(nn.Module):
     ) -> None:
         super().__init__()
         self.bounded = bounded
+        self._found: tuple[Tensor, int, Rows, Rows] | None = None
         self.on_expression = PointMLP(point_features, expression_size, on_expression, outputs)
         self.on_pose = PointMLP(point_features, pose_size, on_pose, outputs)
         for network in (self.on_expression, self.on_pose):  # both say next to nothing at first
@@ -60,15 +63,18 @@ class Branches(nn.Module):
             expression: coefficients.
             pose_code: the encoded pose.
         """
-        heard = _rows(weight), _rows(1 - weight)
+        heard = self._heard(weight)
         of_expression, of_pose = _Heard.apply(points, *heard)  # pyright: ignore[reportGeneralTypeIssues]
         values = [self.on_expression(of_expression, expression), self.on_pose(of_pose, pose_code)]
         if self.bounded:
             values = [value.tanh() for value in values]
         return _Blend.apply(weight, *heard, *values)  # pyright: ignore[reportReturnType]
 
-
-Rows: TypeAlias = "slice | Tensor"
+    def _heard(self, weight: Float[Tensor, " k"]) -> tuple[Rows, Rows]:
+        """The points of each network, looked for when weights change: the count has to be waited for on a GPU."""
+        if self._found is None or self._found[0] is not weight or self._found[1] != weight._version:
+            self._found = weight, weight._version, _rows(weight), _rows(1 - weight)
+        return self._found[2:]
 
 
 def _rows(share: Float[Tensor, " k"]) -> Rows:

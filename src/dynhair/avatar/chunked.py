@@ -19,6 +19,7 @@ from dynhair.threads import run, thread_count
 
 CHUNK = 2048
 LEAST_WORK = 1 << 26  # multiply-adds of a chunk in its largest layer: about a millisecond
+THIN = 8  # outputs up to which BLAS is up to three times as fast with the points along the longer side of the result
 SLOPE = 0.01  # of the leaky ReLU for negative values, PyTorch's default
 
 
@@ -64,7 +65,7 @@ class _ChunkedLayers(torch.autograd.Function):
             chunk = points[chunks[number]]
             values = [chunk]
             for index, layer in enumerate(layers):
-                x = torch.addmm(layer.bias, values[-1].to(layer.weight.dtype), layer.weight.T)
+                x = _affine(layer, values[-1].to(layer.weight.dtype))
                 if layer.skip is not None:
                     x.addmm_(chunk.to(x.dtype), layer.skip.T)
                 if index + 1 < len(layers):
@@ -90,27 +91,34 @@ class _ChunkedLayers(torch.autograd.Function):
         layers = _layers([None if none else next(given) for none in ctx.none], points.dtype, ctx.dtype)
         shares = _shares(len(chunks), layers)
         sums = [[_each(layer, partial(torch.zeros_like, dtype=points.dtype)) for layer in layers] for _ in shares]
-        point_gradient = torch.zeros_like(points) if ctx.needs_input_grad[0] else None
+        point_gradient = torch.empty_like(points) if ctx.needs_input_grad[0] else None
 
         def differentiate(totals: list[PointLayer], number: int) -> None:
             rows = chunks[number]
             values = [points[rows], *kept[number * ctx.hidden : (number + 1) * ctx.hidden]]
             gradient = gradient_out[rows]
+            by_skips = []
             for index in reversed(range(len(layers))):
                 layer, total, x = layers[index], totals[index], values[index]
                 gradient = gradient.to(layer.weight.dtype)
-                total.weight.add_(gradient.T @ x.to(gradient.dtype))
+                _add_product(total.weight, gradient.T, x)
                 total.bias.add_(gradient.sum(0))
                 if layer.skip is not None and total.skip is not None:
-                    total.skip.add_(gradient.T @ values[0].to(gradient.dtype))
-                    if point_gradient is not None:
-                        point_gradient[rows] += gradient @ layer.skip
+                    _add_product(total.skip, gradient.T, values[0])
+                    by_skips.append((gradient, layer.skip))
                 if index > 0:
                     gradient = gradient @ layer.weight
                     # the sign of an activation is that of the value before the leaky ReLU
-                    gradient = torch.ops.aten.leaky_relu_backward(gradient, x.to(gradient.dtype), SLOPE, True)
+                    torch.ops.aten.leaky_relu_backward.grad_input(
+                        gradient, x.to(gradient.dtype), SLOPE, True, grad_input=gradient
+                    )
                 elif point_gradient is not None:
-                    point_gradient[rows] += gradient @ layer.weight
+                    if gradient.dtype == point_gradient.dtype:
+                        torch.mm(gradient, layer.weight, out=point_gradient[rows])
+                    else:
+                        point_gradient[rows] = gradient @ layer.weight
+                    for product in by_skips:
+                        _add_product(point_gradient[rows], *product)
 
         run(
             partial(_without_autograd, partial(differentiate, totals), share)
@@ -121,6 +129,21 @@ class _ChunkedLayers(torch.autograd.Function):
                 if total is not None and other is not None:
                     total.add_(other)
         return (point_gradient, None, *chain(*sums[0]))
+
+
+def _affine(layer: PointLayer, x: Tensor) -> Tensor:
+    """``weight @ x + bias`` of each row."""
+    if len(layer.bias) > THIN:
+        return torch.addmm(layer.bias, x, layer.weight.T)
+    return torch.addmm(layer.bias[:, None], layer.weight, x.T).T
+
+
+def _add_product(total: Tensor, first: Tensor, second: Tensor) -> None:
+    """Add a product in the first factor's precision."""
+    if total.dtype == first.dtype:
+        total.addmm_(first, second.to(first.dtype))
+    else:
+        total.add_(first @ second.to(first.dtype))
 
 
 def _without_autograd(work: Callable[[int], None], numbers: range) -> None:
