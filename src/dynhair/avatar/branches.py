@@ -72,6 +72,8 @@ class Branches(nn.Module):
 
     def _heard(self, weight: Float[Tensor, " k"]) -> tuple[Rows, Rows]:
         """The points of each network, looked for when weights change: the count has to be waited for on a GPU."""
+        if weight.is_inference():  # it does not say whether it has changed
+            return _rows(weight), _rows(1 - weight)
         if self._found is None or self._found[0] is not weight or self._found[1] != weight._version:
             self._found = weight, weight._version, _rows(weight), _rows(1 - weight)
         return self._found[2:]
