@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Literal
 
@@ -12,6 +13,8 @@ from torch import Tensor
 from dynhair.camera import Camera
 from dynhair.errors import DynhairError
 from dynhair.render.gaussians import Gaussians, Rendering
+
+W2C = 12  # numbers of a camera's w2c
 
 Backend = Literal["auto", "cpu", "cuda", "reference"]
 
@@ -80,10 +83,12 @@ def _check(gaussians: Gaussians, cameras: list[Camera], background: Tensor | Non
         )
     if min(sizes[0]) < 1:
         raise DynhairError(f"an image of {sizes[0][0]} x {sizes[0][1]} pixels has no pixels")
-    for index, camera in enumerate(cameras):
-        if not (torch.isfinite(camera.w2c).all() and torch.isfinite(camera.K).all()):
+    # one copy for all: each look at a single number would wait for a GPU
+    numbers = torch.stack([torch.cat([camera.w2c.flatten(), camera.K.flatten()]) for camera in cameras]).tolist()
+    for index, matrices in enumerate(numbers):
+        if not all(map(math.isfinite, matrices)):
             raise DynhairError(f"camera {index} has a NaN or an infinity in w2c or K")
-        if not (camera.K[0, 0] > 0 and camera.K[1, 1] > 0):
+        if not min(matrices[W2C], matrices[W2C + 4]) > 0:
             raise DynhairError(f"camera {index} has a focal length that is not positive")
 
     n, features = len(gaussians.means), gaussians.features

@@ -175,8 +175,11 @@ class JointObjective(nn.Module):
 
     def _crops(self, batch: Batch, step: int) -> list[Crop]:
         """A random square in each view: each view has its own numbers, whichever process sees it."""
-        crops = []
-        for place, person in enumerate(batch.hair + batch.body, batch.first):
+        crops, people = (
+            [],
+            (batch.hair + batch.body).cpu(),
+        )  # places are counted, which a GPU would have to be waited for
+        for place, person in enumerate(people, batch.first):
             generator = torch.Generator().manual_seed((self.config.seed * 1_000_003 + step) * 1_009 + place)
             crops += random_crops(person[None], self.config.perceptual_crop, generator=generator)
         return crops
