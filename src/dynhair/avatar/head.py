@@ -122,8 +122,7 @@ class Head(nn.Module):
 
     def world_means(self, pose: HeadPose) -> Float[Tensor, "k 3"]:
         """Positions in the world, metres (appendix A, "Deformation module")."""
-        means = self.modes.displaced(self.means, pose.expression) + self.config.deformation_scale * self._moved(pose)
-        return self.skinning.world(means, self.follow, pose)
+        return self._world_means(pose, self.skinning.pose_code(pose))
 
     def forward(self, pose: HeadPose) -> HeadGaussians:
         """The posed Gaussians in the world (appendix A, "Appearance and attributes")."""
@@ -132,7 +131,7 @@ class Head(nn.Module):
         offsets = self.attributes(self.features, weight, pose.expression, code)
         compiled = self.means.device.type == "cpu" and self.means.dtype == torch.float32
         compiled = compiled and not pose.expression.requires_grad  # its turns and growth have no gradient there
-        posed = self._posed_at_once(pose, offsets) if compiled else self._posed_by_passes(pose, offsets)
+        posed = self._posed_at_once(pose, code, offsets) if compiled else self._posed_by_passes(pose, code, offsets)
         return HeadGaussians(
             means=posed.means,
             scales=posed.log_scales.exp(),
@@ -141,30 +140,34 @@ class Head(nn.Module):
             colours=self.base_colours + colour,
         )
 
-    def _posed_by_passes(self, pose: HeadPose, offsets: Float[Tensor, "k 8"]) -> Posed:
+    def _posed_by_passes(self, pose: HeadPose, code: Float[Tensor, " q"], offsets: Float[Tensor, "k 8"]) -> Posed:
         """The Gaussians in the world, on any device, from what the attribute networks say."""
         log_scales, quats, logits = (self.config.attribute_scale * offsets).split([3, 4, 1], dim=-1)
         quats = self.modes.turned(nn.functional.normalize(self.quats + quats, dim=-1), pose.expression)
         return Posed(
-            means=self.world_means(pose),
+            means=self._world_means(pose, code),
             quats=self.skinning.turned(quats, self.follow, pose),
             log_scales=self.modes.grown(self.log_scales + log_scales, pose.expression),
             logits=self.opacity_logits + logits[:, 0],
         )
 
-    def _posed_at_once(self, pose: HeadPose, offsets: Tensor) -> Posed:
+    def _posed_at_once(self, pose: HeadPose, code: Float[Tensor, " q"], offsets: Float[Tensor, "k 8"]) -> Posed:
         """The same in compiled code, 0.87 of the head's time."""
-        canonical = Canonical(
-            self.means, self.quats, self.log_scales, self.opacity_logits, self.follow, self._moved(pose), offsets
-        )
+        moved = self._moved(pose, code)
+        canonical = Canonical(self.means, self.quats, self.log_scales, self.opacity_logits, self.follow, moved, offsets)
         change = self.modes.change(pose.expression, len(self.means))
         reaches = self.config.deformation_scale, self.config.attribute_scale
         return posed_gaussians(canonical, change, self.skinning.frames(pose), reaches)
 
-    def _moved(self, pose: HeadPose) -> Float[Tensor, "k 3"]:
+    def _world_means(self, pose: HeadPose, code: Float[Tensor, " q"]) -> Float[Tensor, "k 3"]:
+        """Positions in the world, given the encoded pose."""
+        moved = self.config.deformation_scale * self._moved(pose, code)
+        return self.skinning.world(self.modes.displaced(self.means, pose.expression) + moved, self.follow, pose)
+
+    def _moved(self, pose: HeadPose, code: Float[Tensor, " q"]) -> Float[Tensor, "k 3"]:
         """What the deformation networks say, each component in [-1, 1]."""
-        code = positional_encoding(self.means / CANONICAL_UNIT, ENCODING_FREQUENCIES)
-        return self.deformation(code, self.expression_weight, pose.expression, self.skinning.pose_code(pose))
+        places = positional_encoding(self.means / CANONICAL_UNIT, ENCODING_FREQUENCIES)
+        return self.deformation(places, self.expression_weight, pose.expression, code)
 
 
 def facing(normals: Float[Tensor, "k 3"]) -> Float[Tensor, "k 4"]:

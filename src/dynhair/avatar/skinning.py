@@ -35,8 +35,7 @@ class Skinning(nn.Module):
 
     def body(self, pose: HeadPose) -> tuple[Float[Tensor, "3 3"], Float[Tensor, "3"]]:
         """The body's rotation and translation (metres): what a point that does not follow the head moves by."""
-        turned, moved = self._answer(pose)
-        return so3_exp(turned) @ self.rest_rotation, self.rest_translation + moved
+        return self._body(*self._answer(pose))
 
     def world(self, points: Float[Tensor, "k 3"], follow: Float[Tensor, " k"], pose: HeadPose) -> Float[Tensor, "k 3"]:
         """Points of the head frame in the world, metres.
@@ -53,27 +52,34 @@ class Skinning(nn.Module):
 
     def turned(self, quats: Float[Tensor, "k 4"], follow: Float[Tensor, " k"], pose: HeadPose) -> Float[Tensor, "k 4"]:
         """Rotations (wxyz) of the head frame in the world, between head and body along the shorter way."""
-        head, body = self._quaternions(pose)
+        head, body = self._quaternions(pose, self._answer(pose)[0])
         # the product is linear in both, so that the two can be turned before they are blended
         blended = torch.lerp(multiply_quaternions(body, quats), multiply_quaternions(head, quats), follow[:, None])
         return nn.functional.normalize(blended, dim=-1)
 
     def frames(self, pose: HeadPose) -> Float[Tensor, "32"]:
         """Rotation matrix and translation of head and body in the world, then their quaternions (wxyz, unit)."""
-        rotation, translation = self.body(pose)
+        turned, moved = self._answer(pose)
+        rotation, translation = self._body(turned, moved)
         places = [pose.rotation.flatten(), pose.translation, rotation.flatten(), translation]
-        return torch.cat([*places, *self._quaternions(pose)])
+        return torch.cat([*places, *self._quaternions(pose, turned)])
 
     def pose_code(self, pose: HeadPose) -> Float[Tensor, " p"]:
         """What the networks hear of a pose: rotation vector, and translation from rest in canonical units, encoded."""
         moved = (pose.translation - self.rest_translation) / CANONICAL_UNIT
         return positional_encoding(torch.cat([pose.rotation_vector, moved]), ENCODING_FREQUENCIES)
 
-    def _quaternions(self, pose: HeadPose) -> tuple[Float[Tensor, "4"], Float[Tensor, "4"]]:
-        """The rotations of head and body, wxyz, on the same side."""
+    def _body(
+        self, turned: Float[Tensor, "3"], moved: Float[Tensor, "3"]
+    ) -> tuple[Float[Tensor, "3 3"], Float[Tensor, "3"]]:
+        """The body's rotation and translation, given what it turned and moved by since the rest frame."""
+        return so3_exp(turned) @ self.rest_rotation, self.rest_translation + moved
+
+    def _quaternions(self, pose: HeadPose, turned: Float[Tensor, "3"]) -> tuple[Float[Tensor, "4"], Float[Tensor, "4"]]:
+        """The rotations of head and body, wxyz, on the same side; the body has turned since the rest frame."""
         head = rotation_quaternion(pose.rotation_vector)
         rest = rotation_quaternion(so3_log(self.rest_rotation))
-        body = multiply_quaternions(rotation_quaternion(self._answer(pose)[0]), rest[None])[0]
+        body = multiply_quaternions(rotation_quaternion(turned), rest[None])[0]
         return head, torch.where((head * body).sum() < 0, -body, body)
 
     def _answer(self, pose: HeadPose) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
