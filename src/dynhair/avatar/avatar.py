@@ -60,6 +60,7 @@ class AvatarImages(NamedTuple):
         direction: hair's image direction as a doubled angle (cos 2a, sin 2a), weighted by its coverage.
         alpha: coverage of everything.
         coarse: the colours as they are drawn, before super-resolution; None without it.
+        depth: of what is drawn along the viewing axis, metres, 0 where there is nothing; None where it is not known.
     """
 
     rgb: Float[Tensor, "v h w 3"]
@@ -68,6 +69,7 @@ class AvatarImages(NamedTuple):
     direction: Float[Tensor, "v h w 2"]
     alpha: Float[Tensor, "v h w"]
     coarse: Float[Tensor, "v y x 3"] | None = None
+    depth: Float[Tensor, "v h w"] | None = None
 
     @property
     def orientation(self) -> Float[Tensor, "v h w"]:
@@ -173,13 +175,12 @@ class Avatar(nn.Module):
         background = nn.functional.pad(self.background, (0, extra))
         seen, hair_seen, body, direction = layers(images.features, images.alpha, background)
         if self.super_resolution is None:
-            return AvatarImages(seen, hair_seen, body, direction, images.alpha)
-        maps = torch.stack([hair_seen, body, *direction.unbind(-1), images.alpha], 1)
+            return AvatarImages(seen, hair_seen, body, direction, images.alpha, depth=images.depth)
+        maps = torch.stack([hair_seen, body, *direction.unbind(-1), images.alpha, images.depth], 1)
         size = (cameras[0].height, cameras[0].width)
-        hair_seen, body, x, y, alpha = nn.functional.interpolate(maps, size, mode="bilinear").unbind(1)
-        return AvatarImages(
-            self.super_resolution(seen), hair_seen, body, torch.stack([x, y], -1), alpha, coarse=seen[..., :3]
-        )
+        hair_seen, body, x, y, alpha, depth = nn.functional.interpolate(maps, size, mode="bilinear").unbind(1)
+        direction = torch.stack([x, y], -1)
+        return AvatarImages(self.super_resolution(seen), hair_seen, body, direction, alpha, seen[..., :3], depth)
 
     def _drawn_cameras(self, cameras: Sequence[Camera]) -> list[Camera]:
         """The cameras at the size that is drawn before super-resolution."""

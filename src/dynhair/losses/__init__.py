@@ -11,6 +11,7 @@ from dynhair.losses.orientation import direction_loss, orientation_loss, orienta
 from dynhair.losses.perceptual import PerceptualDistance, lpips_loss
 from dynhair.losses.photometric import l1_loss, ssim, ssim_loss, ssim_map
 from dynhair.losses.physics import depth_loss, elastic_loss, penetration_loss, sample_strand_points
+from dynhair.losses.reach import reach_loss
 from dynhair.losses.regularizers import (
     grows_in_front,
     length_loss,
@@ -40,6 +41,7 @@ __all__ = [
     "penetration_loss",
     "perceptual_crop_loss",
     "random_crops",
+    "reach_loss",
     "sample_strand_points",
     "segmentation_loss",
     "segmentation_weight",

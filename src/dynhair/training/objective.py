@@ -26,6 +26,8 @@ from dynhair.losses import (
     orientation_weight,
     perceptual_crop_loss,
     random_crops,
+    reach_loss,
+    sample_strand_points,
     segmentation_loss,
     segmentation_weight,
     ssim_loss,
@@ -38,6 +40,9 @@ from dynhair.training.surface import tracked_surface
 
 SPATIAL_PARTS = 8
 """Steps that the pairs of the spatial colour term are shared out among: all of them each step would cost 4 ms."""
+
+ROOT_POINTS = 3
+"""Points of a strand that are not drawn to missing hair: the scalp holds them."""
 
 SQUARED_HARMONIC = 4 * math.pi
 """What a squared coefficient of degree 0 is more than the squared colour it stands for."""
@@ -144,6 +149,18 @@ class JointObjective(nn.Module):
                 images.coarse, reduced(batch.rgb, (images.coarse.shape[1], images.coarse.shape[2]))
             )
         terms |= self._colour_terms(step)
+        if weights.reach > 0 and images.depth is not None:
+            points = sample_strand_points(posed.strands[:, ROOT_POINTS:], config.reach_points, generator=generator)
+            missing = batch.hair - images.hair
+            terms["reach"] = reach_loss(
+                points,
+                batch.cameras,
+                missing,
+                images.body,
+                images.depth,
+                samples=config.reach_points // 10,
+                generators=self._generators(batch, step),
+            )
         perceptual, every = self._perceptual[0], config.perceptual_every
         if perceptual is not None and step % every == 0:
             terms["perceptual"] = perceptual_crop_loss(perceptual, rgb, batch.rgb, self._crops(batch, step))
@@ -160,6 +177,7 @@ class JointObjective(nn.Module):
             "penetration": weights.penetration,
             "elastic": weights.elastic,
             "tracking": weights.tracking,
+            "reach": weights.reach,
             "colour_gradient": weights.colour_gradient / SQUARED_HARMONIC,
             "colour_spatial": weights.colour_spatial / SQUARED_HARMONIC,
             "colour_consistency": weights.colour_consistency / SQUARED_HARMONIC,
@@ -175,14 +193,16 @@ class JointObjective(nn.Module):
 
     def _crops(self, batch: Batch, step: int) -> list[Crop]:
         """A random square in each view: each view has its own numbers, whichever process sees it."""
-        crops, people = (
-            [],
-            (batch.hair + batch.body).cpu(),
-        )  # places are counted, which a GPU would have to be waited for
-        for place, person in enumerate(people, batch.first):
-            generator = torch.Generator().manual_seed((self.config.seed * 1_000_003 + step) * 1_009 + place)
+        people = (batch.hair + batch.body).cpu()  # places are counted, which a GPU would have to be waited for
+        crops = []
+        for person, generator in zip(people, self._generators(batch, step), strict=True):
             crops += random_crops(person[None], self.config.perceptual_crop, generator=generator)
         return crops
+
+    def _generators(self, batch: Batch, step: int) -> list[torch.Generator]:
+        """Random numbers of each view: the same ones whichever process sees it."""
+        seed = (self.config.seed * 1_000_003 + step) * 1_009 + batch.first
+        return [torch.Generator().manual_seed(seed + place) for place in range(len(batch.cameras))]
 
     def _colour_terms(self, step: int) -> dict[str, Tensor]:
         """Coherence of the hair's colours, where it has a weight."""
