@@ -36,6 +36,8 @@ def test_what_a_file_leaves_out_keeps_its_default(tmp_path: Path) -> None:
         ("hair: {strands: true}", "hair.strands"),
         ("hair: 3", "hair"),
         ("training: {precision: double}", "training.precision"),
+        ("training: {perceptual_every: 0}", "training.perceptual_every"),
+        ("training: {cameras: -1}", "training.cameras"),
         ("- 1", "the file"),
         ("{", "YAML"),
         ("hair: !!python/object/apply:os.getcwd []", "YAML"),

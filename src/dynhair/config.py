@@ -261,6 +261,13 @@ class TrainingConfig:
     weights: LossWeights = field(default_factory=LossWeights)
     rates: LearningRates = field(default_factory=LearningRates)
 
+    def __post_init__(self) -> None:
+        may_be_zero = {"cameras", "static_every", "penetration_points", "bad_steps", "seed"}
+        for setting in dataclasses.fields(self):
+            value, least = getattr(self, setting.name), 0 if setting.name in may_be_zero else 1
+            if isinstance(value, int) and value < least:
+                raise DynhairError(f"'training.{setting.name}' is {value}", expected=f"{least} or more")
+
 
 _SUPPLEMENT = LossWeights(perceptual=0.1, perceptual_raised=0.6)
 # By measurement on images alone: more orientation and elasticity help a motion that training does not see; with reach
@@ -393,7 +400,10 @@ def _build(kind: Any, value: Any, path: Path, where: str) -> Any:
                 f"unknown setting '{where}{unknown[0]}'", path=path, expected=f"one of {', '.join(hints)}"
             )
         built = {name: _build(hints[name], item, path, f"{where}{name}.") for name, item in value.items()}
-        return kind(**built)
+        try:
+            return kind(**built)
+        except DynhairError as error:
+            raise DynhairError(error.message, path=path, expected=error.expected) from None
     name = where.rstrip(".")
     if get_origin(kind) is Literal:
         if value not in get_args(kind):
