@@ -265,7 +265,7 @@ class TrainingConfig:
         may_be_zero = {"cameras", "static_every", "penetration_points", "bad_steps", "seed"}
         for setting in dataclasses.fields(self):
             value, least = getattr(self, setting.name), 0 if setting.name in may_be_zero else 1
-            if isinstance(value, int) and value < least:
+            if type(value) is int and value < least:
                 raise DynhairError(f"'training.{setting.name}' is {value}", expected=f"{least} or more")
 
 
