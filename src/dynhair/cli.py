@@ -139,7 +139,7 @@ def train(
     Args:
         capture: The capture's folder.
         out: The run's folder; the avatar is written to OUT/avatar.
-        preset: Sizes and iterations. On two cores tiny takes minutes, small half an hour, medium a night; paper wants
+        preset: Sizes and iterations. On two cores tiny takes minutes, small an hour, medium a night; paper wants
             a GPU.
         config: YAML file in the place of the preset; every run writes its own config.yaml to start from.
         iterations: Steps of the joint training, if others than the preset's.
