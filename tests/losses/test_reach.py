@@ -125,3 +125,15 @@ def test_fewer_points_than_a_pixel_draws_are_all_drawn() -> None:
     value = reach_loss(points, [camera()], missing, surface, depth, samples=1, generators=generators(1))
     expected = np.linalg.norm(points.numpy() - goal(camera(), 4, 7, float(depth[0, 4, 7]) - LIFT), axis=1).mean()
     assert float(value) == pytest.approx(expected / SIZE**2, rel=1e-5)
+
+
+def test_points_that_are_not_finite_spoil_the_loss_and_nothing_else() -> None:
+    points = strand_points()
+    points[::2] = torch.nan
+    missing, surface, depth = images()
+    missing[0, 4, 7] = 1.0
+    value = reach_loss(points, [camera()], missing, surface, depth, samples=3, generators=generators(1))
+    assert value.shape == ()
+    surface[0, 4, 7], depth[0, 4, 7] = 1.0, torch.nan
+    value = reach_loss(strand_points(), [camera()], missing, surface, depth, samples=3, generators=generators(1))
+    assert value.isnan()
