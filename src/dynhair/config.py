@@ -224,7 +224,7 @@ class TrainingConfig:
         precision: of the networks' hidden layers; ``auto`` is decided by measurement when a run begins, and kept.
         seed: of everything random.
         penetration_points: strand points tested against the head in a step, at most.
-        reach_points: strand points that the reach term sees in a step, and ten times as many as pixels of a view.
+        reach_points: strand points that the reach term sees in a step; of each view it sees a tenth as many pixels.
         body_collision: whether they are also kept out of neck and shoulders; the paper's see the head alone.
         perceptual_every: every so many steps the perceptual distance is measured, with as much more weight.
         perceptual_crop: side of the random crops that it is measured on, pixels.

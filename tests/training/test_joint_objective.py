@@ -104,3 +104,8 @@ def test_a_step_is_the_same_however_often_it_is_computed(capture: Capture) -> No
     }
     other = make_objective(capture, settings)(batch, 4)
     assert float(first.terms["reach"]) != float(other.terms["reach"])
+
+
+def test_a_handful_of_points_still_sees_a_pixel(capture: Capture) -> None:
+    settings = replace(SETTINGS, weights=replace(LossWeights(), reach=1.0), reach_points=3)
+    assert float(make_objective(capture, settings)(batches(capture).batch(0), 0).terms["reach"]) > 0

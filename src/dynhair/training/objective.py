@@ -41,6 +41,9 @@ from dynhair.training.surface import tracked_surface
 SPATIAL_PARTS = 8
 """Steps that the pairs of the spatial colour term are shared out among: all of them each step would cost 4 ms."""
 
+POINTS_A_PIXEL = 10
+"""Strand points that the reach term sees for each pixel of a view."""
+
 ROOT_POINTS = 3
 """Points of a strand that are not drawn to missing hair: the scalp holds them."""
 
@@ -158,7 +161,7 @@ class JointObjective(nn.Module):
                 missing,
                 images.body,
                 images.depth,
-                samples=config.reach_points // 10,
+                samples=max(config.reach_points // POINTS_A_PIXEL, 1),
                 generators=self._generators(batch, step),
             )
         perceptual, every = self._perceptual[0], config.perceptual_every
