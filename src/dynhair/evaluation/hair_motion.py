@@ -10,7 +10,7 @@ strands and the avatar's points N(p) that are nearest to it at rest,
 
 1 is the truth's motion and 0 is what a rigid hairstyle scores; a motion that is worse than none is negative. The
 weights matter: with plain means the truth's own strands would fall short of 1, as strands close to each other at rest
-part in motion.
+part in motion. The tips, which swing furthest, are also told apart: the avatar sees the tip x_0p at x_0p + d_tp.
 """
 
 from __future__ import annotations
@@ -86,10 +86,32 @@ class HairMotion:
             truth: the truth's strands in the same frame.
         """
         true_displacement = _points(truth) - self._truth_rest
-        near = (_points(strands) - self._rest)[self._nearest]
-        displacement = (self._weights[..., None] * near).sum(dim=1)
-        error = (displacement - true_displacement).norm(dim=-1).mean()
+        error = (self._displacements(strands, slice(None)) - true_displacement).norm(dim=-1).mean()
         return error.item(), true_displacement.norm(dim=-1).mean().item()
+
+    def tips(self, strands: Float[Tensor, "n l 3"]) -> Float[Tensor, "m 3"]:
+        """Where the avatar's hair takes the truth's tips from rest, metres.
+
+        Args:
+            strands: the avatar's, deformed.
+        """
+        tips = slice(self.true_points - 1, None, self.true_points)
+        return self._truth_rest[tips] + self._displacements(strands, tips)
+
+    def _displacements(self, strands: Float[Tensor, "n l 3"], places: slice) -> Float[Tensor, "q 3"]:
+        """The avatar's displacements, blended at these of the truth's points."""
+        near = (_points(strands) - self._rest)[self._nearest[places]]
+        return (self._weights[places, :, None] * near).sum(dim=1)
+
+
+def tip_error_mm(tips: Float[Tensor, "m 3"], truth: Float[Tensor, "m 3"]) -> float:
+    """Mean distance of the avatar's tips from the truth's in one frame, millimetres.
+
+    Args:
+        tips: as `HairMotion.tips` sees them, metres.
+        truth: the tips of the truth's strands, in the same frame and the head's frame, metres.
+    """
+    return 1e3 * (tips - truth).norm(dim=-1).mean().item()
 
 
 def motion_explained(error: float, rigid_error: float) -> float:
