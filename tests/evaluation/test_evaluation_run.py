@@ -13,8 +13,9 @@ from stand_ins import SEGMENTS, StandInAvatar, StandInCapture
 
 from dynhair.errors import DynhairError
 from dynhair.evaluation import run
-from dynhair.evaluation.protocol import EvaluatedFrame, evaluate_avatar
+from dynhair.evaluation.protocol import evaluate_avatar
 from dynhair.evaluation.recorder import Recorder, most_frontal_view
+from dynhair.evaluation.records import EvaluatedFrame
 from dynhair.evaluation.report import evaluation_table, format_figure
 from dynhair.storage import read_json
 

@@ -18,7 +18,8 @@ from dynhair.camera import Camera
 from dynhair.capture import Capture, HeadTrack, View
 from dynhair.evaluation.figures import TORSO_FIGURES
 from dynhair.evaluation.perception import PERCEPTION_STRIDE, Perception, enlarged
-from dynhair.evaluation.protocol import Evaluation, evaluate_avatar
+from dynhair.evaluation.protocol import evaluate_avatar
+from dynhair.evaluation.records import Evaluation
 from synthetic import write_synthetic_capture
 
 SIZE = 64

@@ -34,7 +34,8 @@ from dynhair.evaluation.figures import (
 )
 from dynhair.evaluation.metrics import ssim
 from dynhair.evaluation.perception import Perception
-from dynhair.evaluation.protocol import EvaluatedFrame, evaluate_avatar, evaluated_indices
+from dynhair.evaluation.protocol import evaluate_avatar, evaluated_indices
+from dynhair.evaluation.records import EvaluatedFrame
 from dynhair.evaluation.truth import FRAMES_AHEAD
 
 WITHOUT_LANDMARKS_OR_MESH = {*FACE_FIGURES, *TORSO_FIGURES}

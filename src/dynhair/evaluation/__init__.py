@@ -5,7 +5,8 @@ from dynhair.evaluation.hair_motion import HairMotion, motion_explained
 from dynhair.evaluation.hairstyle import HairstyleEvaluation, HairstyleScores, evaluate_hairstyles, hairstyle_scores
 from dynhair.evaluation.metrics import psnr, silhouette, silhouette_iou, ssim
 from dynhair.evaluation.perception import Perception
-from dynhair.evaluation.protocol import DrivenHead, EvaluatedFrame, Evaluation, SegmentFigures, evaluate_avatar
+from dynhair.evaluation.protocol import DrivenHead, evaluate_avatar
+from dynhair.evaluation.records import EvaluatedFrame, Evaluation, SegmentFigures
 from dynhair.evaluation.report import evaluation_table, hairstyle_table
 from dynhair.evaluation.run import RunEvaluation, render_motion, run_evaluation
 from dynhair.evaluation.strand_scores import StrandScore, strand_scores

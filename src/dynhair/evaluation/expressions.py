@@ -15,8 +15,9 @@ from dynhair.capture import Capture, Segment
 from dynhair.errors import DynhairError
 from dynhair.evaluation.face import projected_hull, square_round
 from dynhair.evaluation.pictures import enlarged_picture
-from dynhair.evaluation.protocol import EvaluatedFrame, evaluated_indices
+from dynhair.evaluation.protocol import evaluated_indices
 from dynhair.evaluation.recorder import most_frontal_view
+from dynhair.evaluation.records import EvaluatedFrame
 from dynhair.pictures import Picture, grid
 from dynhair.storage import atomic_file
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -23,6 +24,9 @@ FLICKER = "hair_tlpips_excess"
 TEMPORAL_FIGURES = ("hair_tiou", "hair_tiou_truth", FLICKER)
 HAIR_FIGURES = ("hair_psnr", "hair_ssim", "hair_iou", *TEMPORAL_FIGURES)
 """The figures of hair that need hair masks."""
+
+SILHOUETTE_FIGURES = ("hair_iou", "hair_tiou")
+"""The figures that need the hair's coverage in the method's own images."""
 
 LPIPS_FIGURES = ("lpips", "face_lpips", FLICKER)
 FACE_FIGURES = ("face_psnr", "face_ssim", "face_lpips")
@@ -119,11 +123,22 @@ class Figures:
 
 
 class FigureSums:
-    """Running sums in double precision: constant memory however many frames are added."""
+    """Running sums in double precision: constant memory however many frames are added.
 
-    def __init__(self) -> None:
+    Args:
+        held_out: for each view whether training held it out.
+
+    Attributes:
+        frames: that were added.
+        images: that were added.
+        held_out: sums over the views held out alone; None where there are none.
+    """
+
+    def __init__(self, held_out: Sequence[bool] = ()) -> None:
         self.frames = 0
         self.images = 0
+        self.held_out: FigureSums | None = FigureSums() if any(held_out) else None
+        self._held_out_views = torch.tensor(list(held_out), dtype=torch.bool)
         self._sums: defaultdict[str, float] = defaultdict(float)
         self._samples: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
@@ -132,12 +147,22 @@ class FigureSums:
         """Count one frame seen from ``images`` cameras."""
         self.frames += 1
         self.images += images
+        if self.held_out is not None:
+            self.held_out.add_frame(int(self._held_out_views.sum()))
 
     def add(self, name: str, values: Float[Tensor, " v"]) -> None:
         """Add one value a view; ``nan`` marks a view where the figure is not defined, and is left out."""
         defined = values[~values.isnan()].double()
         self._sums[name] += defined.sum().item()
         self._samples[name] += len(defined)
+        if self.held_out is not None:
+            self.held_out.add(name, values[self._held_out_views])
+
+    def add_value(self, name: str, value: float) -> None:
+        """Add what is of all views together; ``nan`` where the figure is not defined is left out."""
+        if not math.isnan(value):
+            self._sums[name] += value
+            self._samples[name] += 1
 
     def add_motion(self, error: float, rigid_error: float) -> None:
         """Add one frame's mean errors of hair motion, the avatar's and a rigid hairstyle's, metres."""
@@ -148,6 +173,8 @@ class FigureSums:
     def explain(self, reason: str, *names: str) -> None:
         """Say why these figures have no samples, should it stay so."""
         self._reasons.update(dict.fromkeys(names, reason))
+        if self.held_out is not None:
+            self.held_out.explain(reason, *names)
 
     def merge(self, other: FigureSums) -> None:
         """Add all that ``other`` has seen."""
@@ -157,6 +184,8 @@ class FigureSums:
             self._sums[name] += value
         self._samples.update(other._samples)
         self._reasons.update(other._reasons)
+        if self.held_out is not None and other.held_out is not None:
+            self.held_out.merge(other.held_out)
 
     def figures(self) -> Figures:
         """Take the means of all that was added."""

@@ -1,4 +1,4 @@
-"""Measures the head in one set of images: face, edge of the hair, torso, and how alike the images look."""
+"""Measures the head in one set of images: face, edge of the hair, torso."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from dynhair.evaluation.metrics import decibels, label_error, mean_similarity
 from dynhair.evaluation.torso import TorsoMotion, mean_motion, without_hair
 from dynhair.evaluation.truth import TrueFrame
 
+NO_HAIR_COVERAGE = "the method does not tell hair from the rest of its images"
+
 
 @dataclass(frozen=True)
 class Drawn:
@@ -21,12 +23,12 @@ class Drawn:
 
     Attributes:
         rgb: images in [0, 1].
-        hair: visible coverage of hair.
-        body: visible coverage of head and body; None where the avatar does not tell.
+        hair: visible coverage of hair; None where the method does not tell hair from the rest.
+        body: visible coverage of head and body; None where it does not tell these.
     """
 
     rgb: Float[Tensor, "v h w 3"]
-    hair: Float[Tensor, "v h w"]
+    hair: Float[Tensor, "v h w"] | None
     body: Float[Tensor, "v h w"] | None
 
 
@@ -61,11 +63,6 @@ class HeadMeter:
             error: their squared error, mean over channels.
             similarity: their structural similarity to the truth.
         """
-        if head.seen is not None:
-            perception = self._truths.perception
-            whole, faces = perception.compare(perception.see(drawn.rgb, head.face), head.seen)
-            self._sums.add("lpips", whole)
-            self._sums.add("face_lpips", faces)
         if truth.hair is None or truth.hair_coverage is None:
             return
         if head.face is not None:
@@ -79,6 +76,9 @@ class HeadMeter:
         if head.band is None or truth.hair_coverage is None or truth.body_coverage is None:
             return
         self._sums.add("boundary_psnr", decibels(error, head.band))
+        if drawn.hair is None:
+            self._sums.explain(NO_HAIR_COVERAGE, "boundary_label_error")
+            return
         if drawn.body is None:
             self._sums.explain("the avatar does not tell head and body from the background", "boundary_label_error")
             return
@@ -87,7 +87,7 @@ class HeadMeter:
         self._sums.add("boundary_label_error", (hair + body) / 2)
 
     def _add_torso(self, head: HeadTruth, drawn: Drawn, true_hair: Float[Tensor, "v h w"]) -> None:
-        coverages = drawn.hair, true_hair
+        coverages = (true_hair,) if drawn.hair is None else (drawn.hair, true_hair)
         if self._first is None:
             if self._truths.torso is not None:
                 self._first = TorsoMotion(self._truths.torso, drawn.rgb), coverages

@@ -5,22 +5,18 @@ from __future__ import annotations
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from dynhair.capture import Segment
 from dynhair.evaluation.figures import (
     BOUNDARY_FIGURES,
-    FLICKER,
     HAIR_FIGURES,
-    MOTION,
-    TEMPORAL_FIGURES,
+    SILHOUETTE_FIGURES,
     TORSO_FIGURES,
     FigureSums,
 )
-from dynhair.evaluation.flicker import TrueChange, hair_change
 from dynhair.evaluation.hair_motion import HairMotion
-from dynhair.evaluation.head_meter import Drawn, HeadMeter
+from dynhair.evaluation.head_meter import NO_HAIR_COVERAGE, Drawn, HeadMeter
 from dynhair.evaluation.head_truth import HeadTruth, HeadTruths
 from dynhair.evaluation.metrics import decibels, mean_similarity, silhouette, silhouette_iou, squared_error
-from dynhair.evaluation.perception import Perception
+from dynhair.evaluation.series import Series
 from dynhair.evaluation.truth import TrueFrame
 from dynhair.losses import ssim_map
 
@@ -29,74 +25,70 @@ class Meter:
     """Adds up frames, remembering the silhouettes of the last.
 
     Args:
-        segment: of the capture.
-        heads: its truth of the head.
-        motion: compares strands; None where the capture holds no true ones.
+        sums: of the segment.
+        series: of the segment.
+        heads: the segment's truth of the head.
+        motion: compares strands; None where the capture holds no true ones, or the method has none.
         true_strands: of all frames of the segment, in the head's frame.
-
-    Attributes:
-        sums: of what was added.
     """
 
     def __init__(
         self,
-        segment: Segment,
+        sums: FigureSums,
+        series: Series,
         heads: HeadTruths,
         motion: HairMotion | None,
         true_strands: Float[Tensor, "f m p 3"] | None,
     ) -> None:
-        self.sums = FigureSums()
-        self._head = HeadMeter(heads, self.sums)
-        self._perception: Perception = heads.perception
+        self._sums, self._series = sums, series
+        self._head = HeadMeter(heads, sums)
         self._motion = motion
         self._true_strands = true_strands
-        self._last: tuple[int, Bool[Tensor, "v h w"], Bool[Tensor, "v h w"]] | None = None
-        self._last_rgb: Float[Tensor, "v h w 3"] | None = None
-        if segment.split == "train":
-            self.sums.explain("only every few frames of a training segment are evaluated", *TEMPORAL_FIGURES)
-        if true_strands is None:
-            self.sums.explain("the capture holds no true strands", MOTION)
+        self._last: tuple[int, Bool[Tensor, "v h w"]] | None = None
+        self._last_true: tuple[int, Bool[Tensor, "v h w"]] | None = None
 
-    def add(
-        self,
-        truth: TrueFrame,
-        head: HeadTruth,
-        change: TrueChange | None,
-        drawn: Drawn,
-        strands: Float[Tensor, "n l 3"],
-    ) -> None:
+    def add(self, truth: TrueFrame, head: HeadTruth, drawn: Drawn, strands: Float[Tensor, "n l 3"] | None) -> None:
         """Measure a frame.
 
         Args:
             truth: of the frame.
             head: what it says of the head.
-            change: of the truth's hair since the frame before, which was the last added; None if that is not known.
             drawn: the images.
-            strands: the avatar's, in the head's frame, metres.
+            strands: the avatar's, in the head's frame, metres; None for a method without.
         """
-        self.sums.add_frame(images=len(drawn.rgb))
+        self._sums.add_frame(images=len(drawn.rgb))
         error, similarity = squared_error(drawn.rgb, truth.rgb), ssim_map(drawn.rgb, truth.rgb)
-        self.sums.add("psnr", decibels(error))
-        self.sums.add("ssim", mean_similarity(similarity))
+        self._sums.add("psnr", decibels(error))
+        self._sums.add("ssim", mean_similarity(similarity))
         if truth.hair is None:
             needy = (*HAIR_FIGURES, "face_psnr", "face_ssim", *BOUNDARY_FIGURES, *TORSO_FIGURES)
-            self.sums.explain("the capture has no hair masks", *needy)
+            self._sums.explain("the capture has no hair masks", *needy)
         else:
-            hair = silhouette(drawn.hair)
-            self.sums.add("hair_psnr", decibels(error, truth.hair))
-            self.sums.add("hair_ssim", mean_similarity(similarity, truth.hair))
-            self.sums.add("hair_iou", silhouette_iou(hair, truth.hair))
-            self._add_consecutive(truth.index, hair, truth.hair)
-        if change is not None and self._last_rgb is not None:
-            moved = hair_change(self._perception, self._last_rgb, drawn.rgb, change.region)
-            self.sums.add(FLICKER, moved - change.distance)
-        self._last_rgb = drawn.rgb
+            self._sums.add("hair_psnr", decibels(error, truth.hair))
+            self._sums.add("hair_ssim", mean_similarity(similarity, truth.hair))
+            self._add_silhouettes(truth.index, drawn, truth.hair)
         self._head.add(truth, head, drawn, error, similarity)
-        if self._motion is not None and self._true_strands is not None:
-            self.sums.add_motion(*self._motion.errors(strands, self._true_strands[truth.index]))
+        if self._motion is not None and self._true_strands is not None and strands is not None:
+            self._sums.add_motion(*self._motion.errors(strands, self._true_strands[truth.index]))
 
-    def _add_consecutive(self, index: int, hair: Bool[Tensor, "v h w"], truth: Bool[Tensor, "v h w"]) -> None:
-        if self._last is not None and self._last[0] == index - 1:
-            self.sums.add("hair_tiou", silhouette_iou(self._last[1], hair))
-            self.sums.add("hair_tiou_truth", silhouette_iou(self._last[2], truth))
-        self._last = index, hair, truth
+    def _add_silhouettes(self, index: int, drawn: Drawn, truth: Bool[Tensor, "v h w"]) -> None:
+        self._last_true = self._add_overlap("hair_tiou_truth", self._last_true, index, truth)
+        if drawn.hair is None:
+            self._sums.explain(NO_HAIR_COVERAGE, *SILHOUETTE_FIGURES)
+            return
+        hair = silhouette(drawn.hair)
+        self._add("hair_iou", index, silhouette_iou(hair, truth))
+        self._last = self._add_overlap("hair_tiou", self._last, index, hair)
+
+    def _add_overlap(
+        self, name: str, last: tuple[int, Bool[Tensor, "v h w"]] | None, index: int, hair: Bool[Tensor, "v h w"]
+    ) -> tuple[int, Bool[Tensor, "v h w"]]:
+        """Compare a silhouette with that of the frame before, if that was evaluated."""
+        if last is not None and last[0] == index - 1:
+            self._add(name, index, silhouette_iou(last[1], hair))
+        return index, hair
+
+    def _add(self, name: str, index: int, values: Float[Tensor, " v"]) -> None:
+        """Add a figure that is also followed over time."""
+        self._sums.add(name, values)
+        self._series.record(name, index, values.nanmean().item())

@@ -13,7 +13,7 @@ from PIL import Image
 from dynhair.capture import Capture, Segment
 from dynhair.evaluation.face import frontality
 from dynhair.evaluation.pictures import error_picture, picture
-from dynhair.evaluation.protocol import EvaluatedFrame
+from dynhair.evaluation.records import EvaluatedFrame
 from dynhair.evaluation.video import video_writer
 from dynhair.pictures import Picture, grid
 from dynhair.storage import atomic_file
@@ -62,7 +62,7 @@ class Recorder:
         segment = frame.segment
         if segment.split != "test":
             return
-        truth, avatar, rigid = (images[self._view] for images in (frame.truth, frame.avatar, frame.rigid))
+        truth, avatar = frame.truth[self._view], frame.avatar[self._view]
         shown = [picture(truth), picture(avatar), error_picture(avatar, truth)]
         path = self._out / f"test_{segment.name}.mp4"
         if self._append is None:
@@ -74,7 +74,8 @@ class Recorder:
             self.written.append(path)
         if (segment.name, frame.index) in self._shown:
             label = f"{segment.name} {frame.index / self._fps:.2f} s"
-            self._columns.append((label, [*shown[:2], picture(rigid), shown[2]]))
+            rigid = [] if frame.rigid is None else [picture(frame.rigid[self._view])]
+            self._columns.append((label, [*shown[:2], *rigid, shown[2]]))
 
     def __enter__(self) -> Recorder:
         return self
@@ -92,9 +93,8 @@ class Recorder:
 
 def _write_sheet(path: Path, columns: list[tuple[str, list[Picture]]]) -> None:
     rows = list(zip(*(cells for _, cells in columns), strict=True))
-    sheet = Image.fromarray(
-        grid(rows, ["truth", "avatar", "rigid hair", "difference"], [label for label, _ in columns])
-    )
+    rigid = ["rigid hair"] if len(rows) > 3 else []
+    sheet = Image.fromarray(grid(rows, ["truth", "avatar", *rigid, "difference"], [label for label, _ in columns]))
     if sheet.width > SHEET_WIDTH:
         height = round(sheet.height * SHEET_WIDTH / sheet.width)
         sheet = sheet.resize((SHEET_WIDTH, height), Image.Resampling.LANCZOS)

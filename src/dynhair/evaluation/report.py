@@ -10,7 +10,7 @@ from rich.text import Text
 
 from dynhair.evaluation.figures import Figures
 from dynhair.evaluation.hairstyle import HairstyleEvaluation, HairstyleScores
-from dynhair.evaluation.protocol import Evaluation, SegmentFigures
+from dynhair.evaluation.records import Evaluation, SegmentFigures
 
 COLUMNS = {
     "psnr": ("PSNR", 2),
@@ -41,7 +41,7 @@ ALL_TEST_SEGMENTS = "all test"
 def evaluation_table(evaluation: Evaluation) -> Group:
     """Tabulate all segments, and the head in those of the test, and say why figures are missing.
 
-    The rigid hair is beneath the moving one.
+    The rigid hair is beneath the moving one, of a method that has both.
     """
     tests = [part for part in evaluation.segments if part.segment.split == "test"]
     whole = _table("segment", COLUMNS, evaluation.segments, evaluation)
@@ -95,8 +95,10 @@ def _table(
     for heading, _ in columns.values():
         table.add_column(heading, justify="right", no_wrap=True)
 
-    def add_rows(label: str, avatar: Figures, rigid: Figures, style: str = "") -> None:
+    def add_rows(label: str, avatar: Figures, rigid: Figures | None, style: str = "") -> None:
         for name, hair, figures in ((label, "moving", avatar), ("", "rigid", rigid)):
+            if figures is None:
+                continue
             cells = [format_figure(figures.values[key], decimals) for key, (_, decimals) in columns.items()]
             table.add_row(name, hair, *cells, style=style if figures is avatar else "dim")
 

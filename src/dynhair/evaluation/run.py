@@ -20,8 +20,9 @@ from dynhair.errors import DynhairError
 from dynhair.evaluation.expressions import ExpressionSheet
 from dynhair.evaluation.hairstyle import HairstyleEvaluation, evaluate_hairstyles
 from dynhair.evaluation.pictures import picture
-from dynhair.evaluation.protocol import DrivenHead, EvaluatedFrame, Evaluation, evaluate_avatar, evaluated_indices
+from dynhair.evaluation.protocol import DrivenHead, evaluate_avatar, evaluated_indices
 from dynhair.evaluation.recorder import Recorder
+from dynhair.evaluation.records import EvaluatedFrame, Evaluation
 from dynhair.evaluation.report import evaluation_table, hairstyle_table
 from dynhair.evaluation.video import video_writer
 from dynhair.storage import write_json
