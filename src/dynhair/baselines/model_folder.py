@@ -1,0 +1,86 @@
+"""A baseline on disk, in the avatar's manner: ``avatar.json`` and ``avatar.safetensors``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import safetensors
+import safetensors.torch
+import torch
+from torch import Tensor, nn
+
+from dynhair.avatar.avatar import DESCRIPTION, TENSORS
+from dynhair.capture import ExpressionBasis
+from dynhair.errors import DynhairError
+from dynhair.storage import atomic_folder, read_json, write_json
+
+VERSION = 1
+
+M = TypeVar("M", bound=nn.Module)
+
+
+def save_model(model: nn.Module, path: Path | str, kind: str, description: Mapping[str, Any]) -> None:
+    """Write a model as a folder, atomically.
+
+    Args:
+        model: whose tensors are kept.
+        path: the folder.
+        kind: what it is.
+        description: what else is needed to build a model that the tensors fit, as JSON values.
+    """
+    tensors = {name: value.detach().cpu().contiguous() for name, value in model.state_dict().items()}
+    with atomic_folder(path) as folder:
+        write_json(folder / DESCRIPTION, {"kind": kind, "version": VERSION, **description})
+        safetensors.torch.save_file(tensors, folder / TENSORS)
+
+
+def load_model(
+    path: Path | str,
+    kind: str,
+    like: Callable[[Mapping[str, Any], Mapping[str, Tensor]], M],
+    device: torch.device | str,
+) -> M:
+    """Open a model's folder. Nothing in it is executed.
+
+    Args:
+        path: the folder.
+        kind: what it must be.
+        like: builds a model that the tensors fit from the description and, for their sizes, the tensors.
+        device: where the model goes.
+
+    Raises:
+        DynhairError: a file is missing, damaged, of another kind or version, or does not fit the other.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        raise DynhairError("there is no such folder", path=path, expected=f"the folder of a '{kind}'")
+    description = read_json(path / DESCRIPTION)
+    if description.get("kind") != kind or description.get("version") != VERSION:
+        raise DynhairError(
+            f"kind {description.get('kind')!r}, version {description.get('version')!r}",
+            path=path / DESCRIPTION,
+            expected=f"a '{kind}' of version {VERSION}",
+            mend="open it with the release that wrote it",
+        )
+    try:
+        tensors = safetensors.torch.load_file(path / TENSORS)
+    except FileNotFoundError:
+        raise DynhairError("the file is missing", path=path / TENSORS) from None
+    except (OSError, safetensors.SafetensorError) as error:
+        raise DynhairError(f"not readable as safetensors ({error})", path=path / TENSORS) from None
+    try:
+        model = like(description, tensors)
+        model.load_state_dict(tensors)
+    except (KeyError, TypeError, ValueError, IndexError, RuntimeError, AttributeError) as error:
+        raise DynhairError(
+            f"the tensors do not fit {DESCRIPTION}: {error}", path=path / TENSORS, mend="write the folder again"
+        ) from None
+    return model.to(device).eval()
+
+
+def basis_of(description: Mapping[str, Any]) -> ExpressionBasis | None:
+    """The expression basis that a description names."""
+    basis = description["expression_basis"]
+    return None if basis is None else ExpressionBasis(basis["name"], tuple(basis.get("names", ())))
