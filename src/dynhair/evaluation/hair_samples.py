@@ -71,6 +71,9 @@ def hair_gaussians(
 
     Returns:
         Indices of the Gaussians, rising; empty where no camera sees hair.
+
+    Raises:
+        DynhairError: there are not as many silhouettes as cameras.
     """
     if len(cameras) != len(hair):
         raise DynhairError(f"{len(hair)} silhouettes were seen by {len(cameras)} cameras", expected="one of each")

@@ -39,9 +39,14 @@ def phase_lag_ms(avatar: Float[Tensor, "f 3"], truth: Float[Tensor, "f 3"], fps:
     Returns:
         None where the truth does not swing, the avatar's motion is none or another, the best lag is not within
         `MOST_LAG`, or the motion is too short.
+
+    Raises:
+        DynhairError: the frame rate is not positive, or one of the two has more frames.
     """
     if not fps > 0:
         raise DynhairError(f"the frame rate is {fps}", expected="a positive number")
+    if len(avatar) != len(truth):
+        raise DynhairError(f"the avatar swings for {len(avatar)} frames", expected=f"the truth's {len(truth)}")
     most = math.floor(MOST_LAG * fps)
     if len(truth) < most + LEAST_OVERLAP * fps or most < 1:
         return None
