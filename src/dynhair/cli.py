@@ -5,15 +5,16 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import tyro
 from tyro.conf import Positional, arg, subcommand
 
-from dynhair.ablations import AblationName
+from dynhair.ablations import ABLATIONS, AblationName
 from dynhair.errors import DynhairError
 from dynhair.preprocess.options import ImportOptions, PreprocessOptions
 
+MethodName = Literal["ours", "rigid", "gha", "ga", "simulator", "simulator-tuned"]
 PresetName = Literal["tiny", "small", "medium", "paper"]
 StageName = Literal["static", "mesh", "dynamic"]
 
@@ -208,6 +209,103 @@ def evaluate(avatar: Positional[Path], capture: Positional[Path], out: Path | No
     run_evaluation(folder, capture, out or folder.parent / "evaluation")
 
 
+def compare(
+    capture: Positional[Path],
+    out: Positional[Path],
+    preset: PresetName = "small",
+    iterations: int | None = None,
+    methods: tuple[MethodName, ...] = get_args(MethodName),
+    seeds: tuple[int, ...] = (0,),
+    avatar: Path | None = None,
+    jobs: int | None = None,
+    memory: float | None = None,
+) -> None:
+    """Train and measure our method and others on one capture, all with the same split, steps and image sizes.
+
+    Rows run side by side, each in a process of its own; OUT/ROW/train.log has what it says. A row that fails keeps none
+    of the others back. Ctrl-C saves; the same command goes on where it was, also after a kill, and tries what failed
+    again. Exits with 1 if a row failed.
+
+    Args:
+        capture: The capture's folder.
+        out: Folder for the comparison: a run for each row, comparison.json, and the report.
+        preset: Sizes and iterations of all methods.
+        iterations: Steps of each training, if others than the preset's.
+        methods: What to compare. Simulators need ours.
+        seeds: Each method is trained once with each of these.
+        avatar: A trained run that is taken as ours; all others then have its configuration, whatever the preset.
+        jobs: How many rows run at once; one for each core by default, and one on a GPU.
+        memory: GB that all rows may take together; 80 % of what is free by default.
+    """
+    from dynhair.comparison import run_comparison
+
+    succeeded = run_comparison(
+        capture,
+        out,
+        preset=preset,
+        iterations=iterations,
+        methods=methods,
+        seeds=seeds,
+        avatar=avatar,
+        jobs=jobs,
+        memory=memory,
+    )
+    sys.exit(0 if succeeded else 1)
+
+
+def ablate(
+    capture: Positional[Path],
+    out: Positional[Path],
+    preset: PresetName = "small",
+    iterations: int | None = None,
+    rows: tuple[AblationName, ...] = ABLATIONS,
+    seeds: tuple[int, ...] = (0,),
+    jobs: int | None = None,
+    memory: float | None = None,
+) -> None:
+    """Train and measure our method, and what is left of it without each of its parts, as the paper's tables do.
+
+    Rows run side by side, each in a process of its own, and begin with the same canonical hair. A row that fails keeps
+    none of the others back. Ctrl-C saves; the same command goes on where it was, also after a kill, and tries what
+    failed again. Exits with 1 if a row failed.
+
+    Args:
+        capture: The capture's folder.
+        out: Folder for the ablation: a run for each row, comparison.json, and the report.
+        preset: Sizes and iterations of all rows.
+        iterations: Steps of each training, if others than the preset's.
+        rows: The parts, each of which is left out by one row; the whole method is a row by itself.
+        seeds: Each row is trained once with each of these.
+        jobs: How many rows run at once; one for each core by default, and one on a GPU.
+        memory: GB that all rows may take together; 80 % of what is free by default.
+    """
+    from dynhair.comparison import run_ablation
+
+    succeeded = run_ablation(
+        capture,
+        out,
+        preset=preset,
+        iterations=iterations,
+        rows=rows,
+        seeds=seeds,
+        jobs=jobs,
+        memory=memory,
+    )
+    sys.exit(0 if succeeded else 1)
+
+
+def report(folders: Positional[tuple[Path, ...]], out: Path = Path("report")) -> None:
+    """Make a page of tables, curves and videos from what compare and ablate left, and the tables as files.
+
+    Args:
+        folders: Of comparisons and ablations. Those of several captures are averaged.
+        out: Folder for the report; open its index.html.
+    """
+    from dynhair.report import write_report
+
+    write_report(folders, out)
+
+
 def prior(out: Path, styles: int = 1200, steps: int = 4000, seed: int = 0) -> None:
     """Make a hair prior: grow procedural hairstyles, learn to see strands in views of them, and report on it.
 
@@ -232,6 +330,9 @@ VERBS = {
     "train": train,
     "render": render,
     "evaluate": evaluate,
+    "compare": compare,
+    "ablate": ablate,
+    "report": report,
     "prior": prior,
     "assets": assets,
 }

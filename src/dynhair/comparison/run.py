@@ -1,0 +1,245 @@
+"""`dynhair compare` and `dynhair ablate`: from a capture to a folder of rows, each trained and measured alike."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+from rich.console import Console
+
+from dynhair.ablations import ABLATIONS, AblationName
+from dynhair.avatar.mlp import quick_precision
+from dynhair.capture import Capture
+from dynhair.comparison.budget import MemoryEstimates, memory_budget, stated_memory
+from dynhair.comparison.folder_lock import locked
+from dynhair.comparison.methods import HAIR, MethodName, changes_nothing, row_name
+from dynhair.comparison.plan import ablated_rows, compared_rows, measured_memory, tasks
+from dynhair.comparison.record import Comparison, Row, TableName
+from dynhair.comparison.rows import take
+from dynhair.comparison.schedule import Schedule
+from dynhair.comparison.watching import result_table
+from dynhair.comparison.workers import Command, Workers, row_command
+from dynhair.config import PRESETS, Config, chosen_config
+from dynhair.errors import DynhairError
+from dynhair.threads import thread_count
+from dynhair.training.run import Run
+
+METHODS: tuple[MethodName, ...] = ("ours", "rigid", "gha", "ga", "simulator", "simulator-tuned")
+REPORT = "report"
+
+
+def run_comparison(
+    capture: Path,
+    out: Path,
+    *,
+    preset: str = "small",
+    iterations: int | None = None,
+    methods: Sequence[MethodName] = METHODS,
+    seeds: Sequence[int] = (0,),
+    avatar: Path | None = None,
+    jobs: int | None = None,
+    memory: float | None = None,
+    console: Console | None = None,
+    command: Command = row_command,
+) -> bool:
+    """Train and measure methods on one capture: the same split, steps, views and image sizes.
+
+    What is done is kept: the same call goes on where it was, and others may add methods and seeds.
+
+    Args:
+        capture: the capture's folder.
+        out: the comparison's folder.
+        preset: sizes and iterations of all methods.
+        iterations: steps, if others than the preset's.
+        methods: which.
+        seeds: each method is trained once with each.
+        avatar: a trained run that is taken as ours; all others then have its configuration.
+        jobs: how many rows run at once; one for each core by default, and one on a GPU.
+        memory: GB that all rows may take together; 80 % of what is free by default.
+        console: where progress is shown.
+        command: what makes a row.
+
+    Returns:
+        Whether all rows asked for are done.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C was pressed; rows have saved what they had.
+        DynhairError: the capture or the run cannot be read; ``out`` holds a comparison of something else; another
+            process is at work there.
+    """
+    run = None if avatar is None else _trained_run(avatar, capture, seeds, iterations)
+    if run is None:
+        config = chosen_config(preset, None, iterations, None)
+    else:
+        config, preset = run.config, _preset_of(run.config)
+        if "ours" not in methods:
+            methods = ("ours", *methods)
+    asked = _asked("baselines", capture, out, preset, config, compared_rows(methods, seeds))
+    return _finish(asked, jobs, memory, console or Console(), command, run)
+
+
+def run_ablation(
+    capture: Path,
+    out: Path,
+    *,
+    preset: str = "small",
+    iterations: int | None = None,
+    rows: Sequence[AblationName] = ABLATIONS,
+    seeds: Sequence[int] = (0,),
+    jobs: int | None = None,
+    memory: float | None = None,
+    console: Console | None = None,
+    command: Command = row_command,
+) -> bool:
+    """Train and measure our method and what is left of it without its parts, one at a time.
+
+    Args:
+        capture: the capture's folder.
+        out: the comparison's folder.
+        preset: sizes and iterations of all rows.
+        iterations: steps, if others than the preset's.
+        rows: the parts; those that the preset does not have are left out, which is said.
+        seeds: each row is trained once with each.
+        jobs: as in :func:`run_comparison`.
+        memory: as in :func:`run_comparison`.
+        console: where progress is shown.
+        command: what makes a row.
+
+    Returns:
+        Whether all rows asked for are done.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C was pressed; rows have saved what they had.
+        DynhairError: as for :func:`run_comparison`.
+    """
+    console = console or Console()
+    config = chosen_config(preset, None, iterations, None)
+    for name in [name for name in rows if changes_nothing(config, name)]:
+        console.print(
+            f"{name} is left out: preset {preset} does not have what it takes away.", highlight=False, soft_wrap=True
+        )
+    chosen = [name for name in rows if not changes_nothing(config, name)]
+    asked = _asked("ablations", capture, out, preset, config, ablated_rows(chosen, seeds))
+    return _finish(asked, jobs, memory, console, command)
+
+
+def _asked(table: TableName, capture: Path, out: Path, preset: str, config: Config, rows: list[Row]) -> Comparison:
+    """The comparison that is asked for, before looking at what there is of it."""
+    if not rows:
+        raise DynhairError("no rows are asked for", expected="a seed, and a method or ablation")
+    path = Capture.open(capture, cache_bytes=0).path.resolve()
+    # rows have seeds of their own
+    config = dataclasses.replace(config, training=dataclasses.replace(config.training, seed=0))
+    return Comparison(out.resolve(), table, path, preset, config, {row.name: row for row in rows})
+
+
+def _finish(
+    asked: Comparison,
+    jobs: int | None,
+    memory: float | None,
+    console: Console,
+    command: Command,
+    ours: Run | None = None,
+) -> bool:
+    """Make the rows that are asked for, and the report on all that the folder has."""
+    names = list(asked.rows)
+    with locked(asked.path, console) as lock:
+        comparison = _begun(asked)
+        if ours is not None:
+            _take(ours, comparison)
+        left = tasks(comparison, names)
+        estimates = MemoryEstimates(stated_memory(comparison.config), measured_memory(comparison))
+        cores = thread_count()
+        at_once = jobs or (1 if torch.cuda.is_available() else cores)
+        schedule = Schedule(left, at_once, memory_budget(memory), estimates)
+        threads = max(cores // max(min(at_once, len(left)), 1), 1)
+        try:
+            Workers(comparison, schedule, estimates, threads, console, command=command, inherited=[lock]).finish()
+        except KeyboardInterrupt:
+            console.print("Stopped; the same command goes on where it was.", highlight=False)
+            raise
+        _report(comparison, console)
+    return all(comparison.rows[name].state == "done" for name in names)
+
+
+def _begun(asked: Comparison) -> Comparison:
+    """The comparison in the folder, with the rows that are asked for; what had failed is tried again."""
+    if not Comparison.exists(asked.path):
+        asked.config = _with_precision(asked.config)
+        asked.create()
+        return asked
+    comparison = Comparison.read(asked.path)
+    comparison.require_same(asked)
+    rows = {**asked.rows, **comparison.rows}
+    comparison.rows = {name: rows[name] for name in sorted(rows, key=lambda name: rows[name].seed)}
+    for name in asked.rows:
+        if comparison.rows[name].state == "failed":
+            comparison.change(name, state="pending", error=None)
+    comparison.write()
+    return comparison
+
+
+def _with_precision(config: Config) -> Config:
+    """The configuration with ``auto`` precision decided once, so that all rows compute alike."""
+    if config.training.precision != "auto":
+        return config
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    precision = "bfloat16" if quick_precision(device) == torch.bfloat16 else "float32"
+    return dataclasses.replace(config, training=dataclasses.replace(config.training, precision=precision))
+
+
+def _trained_run(path: Path, capture: Path, seeds: Sequence[int], iterations: int | None) -> Run:
+    """The run that is taken as ours.
+
+    Raises:
+        DynhairError: it has no avatar, or is of another capture, seed or length.
+    """
+    run = Run.open(path)
+    trained = run.config.training
+    if not (run.avatar / "avatar.json").exists():
+        raise DynhairError("the run has no avatar yet", path=path, mend=f"dynhair train ... --out {path} --resume")
+    if run.capture != capture.resolve():
+        raise DynhairError(f"the run was trained on {run.capture}", path=path, expected=str(capture.resolve()))
+    if trained.seed not in seeds:
+        raise DynhairError(
+            f"the run's seed is {trained.seed}", path=path, expected=f"one of {', '.join(map(str, seeds))}"
+        )
+    if iterations not in (None, trained.iterations):
+        raise DynhairError(
+            f"the run was trained for {trained.iterations} steps",
+            path=path,
+            expected=f"{iterations}, as asked for by --iterations",
+            mend="leave out --iterations: all others are then trained for as long as this run",
+        )
+    return run
+
+
+def _preset_of(config: Config) -> str:
+    """The preset that a configuration is, but for seed, steps and precision; ``own`` for none."""
+    training = config.training
+
+    def plain(preset: Config) -> Config:
+        same = dataclasses.replace(
+            preset.training, seed=training.seed, iterations=training.iterations, precision=training.precision
+        )
+        return dataclasses.replace(preset, training=same)
+
+    return next((name for name, preset in PRESETS.items() if plain(preset) == config), "own")
+
+
+def _take(run: Run, comparison: Comparison) -> None:
+    """Let a trained run be our row of its seed."""
+    name = row_name("ours", run.config.training.seed)
+    take(run, comparison.folder(name))
+    comparison.change(name, seconds_trained=None)
+    comparison.write()
+
+
+def _report(comparison: Comparison, console: Console) -> None:
+    from dynhair.report import write_report
+
+    console.print(result_table(row for row in comparison.rows.values() if row.method != HAIR))
+    if any(row.state == "done" and row.method != HAIR for row in comparison.rows.values()):
+        write_report([comparison.path], comparison.path / REPORT, console)
