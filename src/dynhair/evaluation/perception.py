@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -15,14 +16,19 @@ from dynhair.assets.catalogue import find_asset
 from dynhair.errors import DynhairError
 from dynhair.evaluation.face import FaceRegion
 from dynhair.losses import PerceptualDistance
+from dynhair.losses.perceptual import NetworkName
 
 PERCEPTION_STRIDE = 6
 """Of the frames that are evaluated, LPIPS is taken of one in this many: the network takes as long as all else."""
 
+VGG_IMAGES = 16
+"""Images of a test segment of which LPIPS is taken with VGG16, spread over its frames and views: that network takes 16
+times as long as AlexNet."""
+
 LEAST_FACE = 64
 """Pixels; smaller faces are enlarged to it, as the network's last stage would see hardly anything of them."""
 
-_ASSET = "lpips-alexnet"
+_TITLES: Mapping[NetworkName, str] = {"alexnet": "AlexNet", "vgg16": "VGG16"}
 
 Features = list[Float[Tensor, "_ _ _ _"]]
 
@@ -53,13 +59,14 @@ class Perception:
     description: str
 
     @classmethod
-    def published(cls) -> Perception:
-        """LPIPS 0.1 with AlexNet, downloaded if it is not in the cache; without it, the reason."""
+    def published(cls, network: NetworkName = "alexnet") -> Perception:
+        """LPIPS 0.1 with a network, downloaded if it is not in the cache; without it, the reason."""
         try:
-            distance = PerceptualDistance.pretrained("alexnet")
+            distance = PerceptualDistance.pretrained(network)
         except DynhairError as error:
             return cls(None, error.message.splitlines()[0].rstrip(":"))
-        return cls(distance.eval(), f"LPIPS 0.1 with AlexNet ({_ASSET}, SHA-256 {find_asset(_ASSET).sha256})")
+        asset = find_asset(f"lpips-{network}")
+        return cls(distance.eval(), f"LPIPS 0.1 with {_TITLES[network]} ({asset.name}, SHA-256 {asset.sha256})")
 
     def for_images(self, width: int, height: int) -> Perception:
         """The same, or the reason why it cannot see images of this size."""
