@@ -57,7 +57,7 @@ def measured_memory(comparison: Comparison) -> dict[str, int]:
     """Bytes that the rows which are done took at most, by kind."""
     measured: dict[str, int] = {}
     for row in comparison.rows.values():
-        if row.state == "done" and row.method != HAIR and row.peak_memory is not None:
+        if row.state == "done" and row.peak_memory is not None:
             measured[_kind(row)] = max(measured.get(_kind(row), 0), row.peak_memory)
     return measured
 
@@ -74,7 +74,7 @@ def _needs(row: Row) -> tuple[str, ...]:
 
 
 def _kind(row: Row) -> str:
-    return row.method if row.method in BASELINES else "ours"
+    return row.method if row.method in BASELINES or row.method == HAIR else "ours"
 
 
 def _rank(row: Row) -> tuple[int, int]:

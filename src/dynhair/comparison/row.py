@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from dynhair.comparison.record import Comparison, Row
 
 INTERRUPTED = 130
-TUNING_MINUTES = 30.0
+MOST_TUNING = 60.0  # minutes
 
 
 def make_row(path: Path, name: str) -> None:
@@ -63,13 +63,14 @@ def _train(comparison: Comparison, row: Row, console: Console) -> None:
         from dynhair.baselines import BaselineName, train_baseline
 
         simulated = row.method in SIMULATORS
+        ours = row_name("ours", row.seed)
         train_baseline(
             "simulator" if simulated else cast(BaselineName, row.method),
             capture,
             folder,
             config,
-            avatar=comparison.folder(row_name("ours", row.seed)) / "avatar" if simulated else None,
-            minutes=TUNING_MINUTES if row.method == "simulator-tuned" else None,
+            avatar=comparison.folder(ours) / "avatar" if simulated else None,
+            minutes=tuning_minutes(comparison.rows[ours]) if row.method == "simulator-tuned" else None,
             resume=True,
             console=console,
         )
@@ -79,6 +80,11 @@ def _train(comparison: Comparison, row: Row, console: Console) -> None:
 
     shared = ("mesh", "static") if config.head.start == "mesh" else ("static",)
     train(capture, folder, stages=shared if row.method == HAIR else STAGES, resume=True, console=console)
+
+
+def tuning_minutes(ours: Row) -> float:
+    """How long the simulator is tuned: as long as our row was trained, and an hour at most or where that is unknown."""
+    return MOST_TUNING if ours.seconds_trained is None else min(ours.seconds_trained / 60, MOST_TUNING)
 
 
 def hold_leash() -> None:

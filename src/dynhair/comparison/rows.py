@@ -66,7 +66,7 @@ def begin(comparison: Comparison, row: Row) -> None:
                     shutil.copyfile(hair / name, temporary)
 
 
-def take(run: Run, folder: Path) -> None:
+def take_avatar(run: Run, folder: Path) -> None:
     """Copy a trained run to the folder of a row: its settings, its hair and its avatar.
 
     Raises:
@@ -79,7 +79,18 @@ def take(run: Run, folder: Path) -> None:
             "the row has begun to be trained", path=folder, mend="leave out --avatar, or choose another folder"
         )
     with atomic_folder(folder) as temporary:
-        for name in ("run.json", "config.yaml", *shared_files(run.config)):
-            if (run.path / name).exists():
-                shutil.copyfile(run.path / name, temporary / name)
+        _copy(run, temporary)
         shutil.copytree(run.avatar, temporary / "avatar")
+
+
+def take_hair(run: Run, folder: Path) -> None:
+    """Copy the canonical hair of a trained run, where it has kept it, to the folder of the hair that rows share."""
+    if run.canonical_hair.exists() and not (folder / "run.json").exists():
+        with atomic_folder(folder) as temporary:
+            _copy(run, temporary)
+
+
+def _copy(run: Run, folder: Path) -> None:
+    for name in ("run.json", "config.yaml", *shared_files(run.config)):
+        if (run.path / name).exists():
+            shutil.copyfile(run.path / name, folder / name)

@@ -17,7 +17,7 @@ from dynhair.comparison.folder_lock import locked
 from dynhair.comparison.methods import HAIR, MethodName, changes_nothing, row_name
 from dynhair.comparison.plan import ablated_rows, compared_rows, measured_memory, tasks
 from dynhair.comparison.record import Comparison, Row, TableName
-from dynhair.comparison.rows import take
+from dynhair.comparison.rows import done, take_avatar, take_hair
 from dynhair.comparison.schedule import Schedule
 from dynhair.comparison.watching import result_table
 from dynhair.comparison.workers import Command, Workers, row_command
@@ -161,7 +161,8 @@ def _finish(
             console.print("Stopped; the same command goes on where it was.", highlight=False)
             raise
         _report(comparison, console)
-    return all(comparison.rows[name].state == "done" for name in names)
+    wanted = [comparison.rows[name] for name in names]
+    return all(row.state == "done" for row in wanted if row.method != HAIR)
 
 
 def _begun(asked: Comparison) -> Comparison:
@@ -174,8 +175,10 @@ def _begun(asked: Comparison) -> Comparison:
     comparison.require_same(asked)
     rows = {**asked.rows, **comparison.rows}
     comparison.rows = {name: rows[name] for name in sorted(rows, key=lambda name: rows[name].seed)}
-    for name in asked.rows:
-        if comparison.rows[name].state == "failed":
+    for name, row in list(comparison.rows.items()):  # folders are right where a kill came before the record
+        if done(comparison, row):
+            comparison.change(name, state="done", error=None)
+        elif row.state == "done" or name in asked.rows:
             comparison.change(name, state="pending", error=None)
     comparison.write()
     return comparison
@@ -230,9 +233,11 @@ def _preset_of(config: Config) -> str:
 
 
 def _take(run: Run, comparison: Comparison) -> None:
-    """Let a trained run be our row of its seed."""
-    name = row_name("ours", run.config.training.seed)
-    take(run, comparison.folder(name))
+    """Let a trained run be our row of its seed, and its canonical hair that of the other rows."""
+    seed = run.config.training.seed
+    name = row_name("ours", seed)
+    take_avatar(run, comparison.folder(name))
+    take_hair(run, comparison.folder(row_name(HAIR, seed)))
     comparison.change(name, seconds_trained=None)
     comparison.write()
 
