@@ -143,8 +143,8 @@ def _difference(first: Float[np.ndarray, "*p 3"], second: Float[np.ndarray, "*p 
 
 @lru_cache(maxsize=1)
 def _most_colour_difference() -> float:
-    green, blue = _hunt_lab(np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]))
-    return float(_difference(green, blue) ** _COLOUR_EXPONENT)
+    green_and_blue = _hunt_lab(np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]))
+    return _difference(green_and_blue[:1], green_and_blue[1:]).item() ** _COLOUR_EXPONENT
 
 
 @lru_cache(maxsize=3)
