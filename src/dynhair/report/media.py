@@ -1,0 +1,95 @@
+"""Videos and contact sheets of a comparison: the truth and all methods, of the same frames."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from PIL import Image
+
+from dynhair.report.clips import METHOD_PANEL, TRUTH_PANEL, Clip, contact_sheet
+from dynhair.report.comparison import OURS, Comparison, Row, mapping
+from dynhair.report.study import Pair
+from dynhair.storage import atomic_file
+
+SHEET_FRAMES = 6
+TRUTH = "truth"
+
+
+@dataclass(frozen=True)
+class Footage:
+    """The videos of one motion and camera.
+
+    Attributes:
+        name: of the motion, and of its camera where there are several.
+        truth: the recording.
+        methods: by label, ours first.
+        ours: label of ours; None where it has no video.
+    """
+
+    name: str
+    truth: Clip
+    methods: dict[str, Clip]
+    ours: str | None
+
+    @property
+    def clips(self) -> list[Clip]:
+        """Truth and methods."""
+        return [self.truth, *self.methods.values()]
+
+    @property
+    def labels(self) -> list[str]:
+        """Of all clips."""
+        return [TRUTH, *self.methods]
+
+    def pairs(self, capture: str) -> list[Pair]:
+        """Ours with each other method."""
+        if self.ours is None:
+            return []
+        ours = self.methods[self.ours]
+        return [
+            Pair(capture, self.name, label, self.truth, ours, clip)
+            for label, clip in self.methods.items()
+            if label != self.ours
+        ]
+
+
+def shown_rows(comparison: Comparison) -> list[Row]:
+    """The first seed that is done of each method, ours first."""
+    first: dict[str, Row] = {}
+    for row in comparison.rows:
+        if row.state == "done":
+            first.setdefault(row.label, row)
+    return sorted(first.values(), key=lambda row: row.method != OURS)
+
+
+def find_footage(comparison: Comparison) -> list[Footage]:
+    """Collect the videos of the test motions, one method at least in each."""
+    rows = shown_rows(comparison)
+    names = dict.fromkeys(path.stem for row in rows for path in sorted(row.evaluation.glob("test_*.mp4")))
+    footage = []
+    for name in names:
+        methods: dict[str, Clip] = {}
+        for row in rows:
+            path, aspect = row.evaluation / f"{name}.mp4", _aspect(row)
+            if path.exists() and aspect is not None:
+                methods[row.label] = Clip(path, METHOD_PANEL, aspect)
+        if methods:
+            truth = replace(next(iter(methods.values())), panel=TRUTH_PANEL)
+            ours = next((row.label for row in rows if row.method == OURS and row.label in methods), None)
+            footage.append(Footage(name.removeprefix("test_"), truth, methods, ours))
+    return footage
+
+
+def write_sheet(footage: Footage, path: Path) -> None:
+    """Write a contact sheet, the truth above the methods."""
+    sheet = Image.fromarray(contact_sheet(footage.clips, footage.labels, SHEET_FRAMES))
+    with atomic_file(path) as temporary:
+        sheet.save(temporary, quality=85, method=4)
+
+
+def _aspect(row: Row) -> float | None:
+    """Width over height of the images that were evaluated."""
+    found = re.search(r"(\d+)x(\d+) pixels", str(mapping(row.metrics.get("protocol")).get("views", "")))
+    return int(found[1]) / int(found[2]) if found else None
