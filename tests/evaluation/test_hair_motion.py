@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
-from dynhair.evaluation.hair_motion import HairMotion, motion_explained, nearest_points, to_head_frame
+from dynhair.evaluation.hair_motion import HairMotion, motion_explained, nearest_points, tip_error_mm, to_head_frame
 
 
 def strands(seed: int, count: int = 6, points: int = 5) -> Tensor:
@@ -87,3 +87,30 @@ def test_the_head_frame_undoes_the_head_pose(seed: int) -> None:
     translation = torch.tensor([0.3, -1.0, 2.0], dtype=torch.float64)
     local = strands(seed)
     torch.testing.assert_close(to_head_frame(local @ rotation.T + translation, rotation, translation), local)
+
+
+def test_the_truth_reaches_its_own_tips() -> None:
+    rest, now = strands(0), strands(0) + 0.1 * strands(1)
+    tips = HairMotion(rest, rest).tips(now)
+    torch.testing.assert_close(tips, now[:, -1])
+    assert tip_error_mm(tips, now[:, -1]) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_hair_at_rest_errs_by_the_tips_own_way() -> None:
+    rest = strands(0)
+    truth = rest.clone()
+    truth[:, -1] += torch.tensor([0.003, 0.0, -0.004])
+    motion = HairMotion(strands(5, count=9, points=3), rest)
+    assert tip_error_mm(motion.tips(strands(5, count=9, points=3)), truth[:, -1]) == pytest.approx(5.0)
+
+
+def test_tips_move_as_the_points_nearest_to_them_at_rest() -> None:
+    rest, truth_rest = strands(0, count=12), strands(1)
+    deformed = rest + 0.1 * strands(2, count=12)
+    points, moved = rest.reshape(-1, 3).numpy(), (deformed - rest).reshape(-1, 3).numpy()
+    expected = []
+    for tip in truth_rest[:, -1].numpy():
+        distances = np.linalg.norm(points - tip, axis=1)
+        nearest = np.argsort(distances)[:4]
+        expected.append(tip + np.average(moved[nearest], axis=0, weights=1.0 / distances[nearest]))
+    np.testing.assert_allclose(HairMotion(rest, truth_rest).tips(deformed), expected, rtol=1e-12)

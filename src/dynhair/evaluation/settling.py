@@ -97,4 +97,4 @@ def settling_time(speeds: Float[Tensor, " f"], stop: Stop, fps: float) -> float 
     last = int(np.flatnonzero(watched >= bound)[-1])
     if last == len(watched) - 1:
         return None
-    return (last + (watched[last] - bound) / (watched[last] - watched[last + 1])) / fps
+    return (last + float((watched[last] - bound) / (watched[last] - watched[last + 1]))) / fps

@@ -41,12 +41,10 @@ def phase_lag_ms(avatar: Float[Tensor, "f 3"], truth: Float[Tensor, "f 3"], fps:
         `MOST_LAG`, or the motion is too short.
 
     Raises:
-        DynhairError: the frame rate is not positive, or one of the two has more frames.
+        DynhairError: the frame rate is not positive.
     """
     if not fps > 0:
         raise DynhairError(f"the frame rate is {fps}", expected="a positive number")
-    if len(avatar) != len(truth):
-        raise DynhairError(f"the avatar swings for {len(avatar)} frames", expected=f"the truth's {len(truth)}")
     most = math.floor(MOST_LAG * fps)
     if len(truth) < most + LEAST_OVERLAP * fps or most < 1:
         return None
@@ -61,7 +59,7 @@ def phase_lag_ms(avatar: Float[Tensor, "f 3"], truth: Float[Tensor, "f 3"], fps:
         return None
     before, at, after = correlations[best - 1 : best + 2]
     between = 0.5 * (before - after) / (before - 2 * at + after)
-    return (best - most + between) / fps * 1e3
+    return float(best - most + between) / fps * 1e3
 
 
 def _correlation(late: Float[np.ndarray, " f"], early: Float[np.ndarray, " f"], lag: int) -> float:
