@@ -237,7 +237,7 @@ def compare(
         jobs: How many rows run at once; one for each core by default, and one on a GPU.
         memory: GB that all rows may take together; 80 % of what is free by default.
     """
-    from dynhair.comparison import run_comparison
+    from dynhair.comparison.run import run_comparison
 
     succeeded = run_comparison(
         capture,
@@ -279,7 +279,7 @@ def ablate(
         jobs: How many rows run at once; one for each core by default, and one on a GPU.
         memory: GB that all rows may take together; 80 % of what is free by default.
     """
-    from dynhair.comparison import run_ablation
+    from dynhair.comparison.run import run_ablation
 
     succeeded = run_ablation(
         capture,

@@ -78,6 +78,6 @@ def work(comparison: Comparison, jobs: int = 2, memory: int = 1000) -> str:
     return console.file.getvalue()
 
 
-def states(comparison: Comparison) -> dict[str, str]:
-    """The state of each row, as it is on disk."""
-    return {name: row.state for name, row in Comparison.read(comparison.path).rows.items()}
+def states(path: Path) -> dict[str, str]:
+    """The state of each row of a comparison, as it is on disk."""
+    return {name: row.state for name, row in Comparison.read(path).rows.items()}

@@ -17,7 +17,7 @@ from dynhair.comparison.record import Comparison
 def test_all_rows_are_made_and_share_their_hair(tmp_path: Path) -> None:
     comparison = comparison_of(tmp_path / "out", "pose", "rigid", seeds=[0, 1])
     work(comparison)
-    assert set(states(comparison).values()) == {"done"}
+    assert set(states(comparison.path).values()) == {"done"}
     for name in ("full-seed1", "pose-seed1", "rigid-seed1"):
         folder = comparison.folder(name)
         assert (folder / "canonical_hair.safetensors").read_text() == "hair of hair-seed1"
@@ -32,7 +32,7 @@ def test_a_row_that_fails_keeps_no_other_back_and_is_tried_again(tmp_path: Path)
     comparison = comparison_of(tmp_path / "out", "pose", "rigid")
     order(comparison.path, "pose-seed0", "fail")
     said = work(comparison)
-    assert states(comparison) == {
+    assert states(comparison.path) == {
         "hair-seed0": "done",
         "full-seed0": "done",
         "pose-seed0": "failed",
@@ -47,7 +47,7 @@ def test_a_row_that_fails_keeps_no_other_back_and_is_tried_again(tmp_path: Path)
     order(comparison.path, "pose-seed0", "")
     (comparison.folder("full-seed0") / "begun").unlink()
     work(comparison)
-    assert set(states(comparison).values()) == {"done"}
+    assert set(states(comparison.path).values()) == {"done"}
     assert not (comparison.folder("full-seed0") / "begun").exists()
     log = (comparison.folder("pose-seed0") / "train.log").read_text()
     assert log.count("began pose-seed0") == 2
@@ -67,7 +67,7 @@ def test_rows_fail_whose_hair_failed(tmp_path: Path) -> None:
     comparison = comparison_of(tmp_path / "out", "pose", seeds=[0, 1])
     order(comparison.path, "hair-seed0", "fail")
     work(comparison)
-    assert states(comparison) == {
+    assert states(comparison.path) == {
         **dict.fromkeys(("hair-seed0", "full-seed0", "pose-seed0"), "failed"),
         **dict.fromkeys(("hair-seed1", "full-seed1", "pose-seed1"), "done"),
     }
@@ -78,7 +78,7 @@ def test_rows_fail_whose_hair_failed(tmp_path: Path) -> None:
 def test_rows_that_do_not_fit_are_never_started(tmp_path: Path) -> None:
     comparison = comparison_of(tmp_path / "out")
     work(comparison, memory=99)
-    assert set(states(comparison).values()) == {"failed"}
+    assert set(states(comparison.path).values()) == {"failed"}
     assert not (comparison.path / "shared").exists()
     error = comparison.rows["hair-seed0"].error
     assert error is not None
@@ -90,8 +90,8 @@ def test_another_runs_folder_fails_its_row_alone(tmp_path: Path) -> None:
     comparison.folder("pose-seed0").mkdir()
     (comparison.folder("pose-seed0") / "run.json").write_text("{}")
     work(comparison)
-    assert states(comparison)["full-seed0"] == "done"
-    assert states(comparison)["pose-seed0"] == "failed"
+    assert states(comparison.path)["full-seed0"] == "done"
+    assert states(comparison.path)["pose-seed0"] == "failed"
 
 
 def test_ctrl_c_lets_rows_save_and_the_same_again_goes_on(tmp_path: Path) -> None:
@@ -111,9 +111,9 @@ def test_ctrl_c_lets_rows_save_and_the_same_again_goes_on(tmp_path: Path) -> Non
         work(comparison)
     assert (comparison.folder("full-seed0") / "saved").exists()
     assert (comparison.folder("pose-seed0") / "saved").exists()
-    assert states(comparison) == {"hair-seed0": "done", "full-seed0": "pending", "pose-seed0": "pending"}
+    assert states(comparison.path) == {"hair-seed0": "done", "full-seed0": "pending", "pose-seed0": "pending"}
 
     for name in ("full-seed0", "pose-seed0"):
         order(comparison.path, name, "")
     work(comparison)
-    assert set(states(comparison).values()) == {"done"}
+    assert set(states(comparison.path).values()) == {"done"}

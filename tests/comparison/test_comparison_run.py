@@ -1,0 +1,202 @@
+"""Comparisons and ablations from their calls: what is trained, what is kept, what is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from stand_in import order, stand_in, states
+
+import dynhair.report
+from dynhair.comparison.folder_lock import locked
+from dynhair.comparison.record import COMPARISON
+from dynhair.comparison.run import run_ablation, run_comparison
+from dynhair.config import preset
+from dynhair.errors import DynhairError
+from dynhair.training.run import Run
+from synthetic import write_synthetic_capture
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_synthetic_capture(tmp_path_factory.mktemp("data") / "capture", frames=2, views=2, size=16)
+
+
+@pytest.fixture
+def reports(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    written: list[Path] = []
+
+    def write_report(folders: Sequence[Path], out: Path, console: Console | None = None) -> Path:
+        written.append(out)
+        return out / "index.html"
+
+    monkeypatch.setattr(dynhair.report, "write_report", write_report)
+    return written
+
+
+def quiet() -> Console:
+    return Console(file=io.StringIO(), width=200)
+
+
+def ablate(capture: Path, out: Path, *rows: str, seeds: Sequence[int] = (0,), console: Console | None = None) -> bool:
+    chosen = rows or ("pose",)
+    return run_ablation(
+        capture,
+        out,
+        preset="tiny",
+        iterations=9,
+        rows=chosen,  # pyright: ignore[reportArgumentType]
+        seeds=seeds,
+        jobs=2,
+        memory=8.0,
+        console=console or quiet(),
+        command=stand_in,
+    )
+
+
+def compare(capture: Path, out: Path, methods: Sequence[str], avatar: Path | None = None, **options: object) -> bool:
+    asked = {"preset": "tiny", "jobs": 2, "memory": 8.0, "console": quiet(), "command": stand_in, **options}
+    return run_comparison(capture, out, methods=methods, avatar=avatar, **asked)  # pyright: ignore[reportArgumentType]
+
+
+def trained_run(capture: Path, path: Path, seed: int = 4) -> Path:
+    """A run that has an avatar, with a configuration of its own."""
+    training = dataclasses.replace(preset("small").training, seed=seed, iterations=77, precision="float32")
+    run = Run.create(path, capture, dataclasses.replace(preset("small"), training=training))
+    for name in ("canonical_hair", "first_guess"):
+        (path / f"{name}.safetensors").write_text(f"{name} of the run")
+    run.avatar.mkdir()
+    (run.avatar / "avatar.json").write_text('{"of": "the run"}')
+    return path
+
+
+def test_rows_and_seeds_can_be_added(capture: Path, tmp_path: Path, reports: list[Path]) -> None:
+    out = tmp_path / "out"
+    assert ablate(capture, out, "pose")
+    (out / "full-seed0" / "begun").unlink()
+    assert ablate(capture, out, "rigid", seeds=[0, 1])
+    assert states(out) == {
+        **dict.fromkeys(("hair-seed0", "full-seed0", "pose-seed0", "rigid-seed0"), "done"),
+        **dict.fromkeys(("hair-seed1", "full-seed1", "rigid-seed1"), "done"),
+    }
+    assert not (out / "full-seed0" / "begun").exists()
+    assert reports == [out / "report", out / "report"]
+
+
+def test_a_failure_is_told_and_reported(capture: Path, tmp_path: Path, reports: list[Path]) -> None:
+    out = tmp_path / "out"
+    order(out, "pose-seed0", "fail")
+    assert not ablate(capture, out)
+    assert len(reports) == 1
+    order(out, "pose-seed0", "")
+    assert ablate(capture, out)
+
+
+def test_a_record_that_lags_behind_the_folders_is_brought_up_to_date(
+    capture: Path, tmp_path: Path, reports: list[Path]
+) -> None:
+    out = tmp_path / "out"
+    assert ablate(capture, out)
+    value = json.loads((out / COMPARISON).read_text())
+    for row in [*value["rows"], *value["shared"]]:
+        row["state"] = "pending"
+        (out / row["folder"] / "begun").unlink()
+    (out / COMPARISON).write_text(json.dumps(value))
+    assert ablate(capture, out)
+    assert set(states(out).values()) == {"done"}
+    assert not list(out.glob("**/begun"))
+
+
+def test_another_comparison_in_the_folder_is_refused_by_name(
+    capture: Path, tmp_path: Path, reports: list[Path]
+) -> None:
+    out = tmp_path / "out"
+    assert ablate(capture, out)
+    with pytest.raises(DynhairError, match=r"table ablations \(asked for: baselines\)"):
+        compare(capture, out, ["ours"], iterations=9)
+    with pytest.raises(DynhairError, match=r"training\.iterations 9 \(asked for: 8\)"):
+        run_ablation(capture, out, preset="tiny", iterations=8, console=quiet(), command=stand_in)
+
+
+def test_an_ablation_of_what_the_preset_does_not_have_is_left_out(
+    capture: Path, tmp_path: Path, reports: list[Path]
+) -> None:
+    console = quiet()
+    assert ablate(capture, tmp_path / "out", "pose", "no-raised-perceptual", console=console)
+    assert "no-raised-perceptual-seed0" not in states(tmp_path / "out")
+    assert isinstance(console.file, io.StringIO)
+    assert "no-raised-perceptual is left out" in console.file.getvalue()
+
+
+def test_a_trained_run_is_ours_and_sets_the_terms(capture: Path, tmp_path: Path, reports: list[Path]) -> None:
+    out, run = tmp_path / "out", trained_run(capture, tmp_path / "run")
+    for _ in range(2):
+        assert compare(capture, out, ["rigid", "gha"], run, seeds=[4])
+    assert states(out) == {
+        "hair-seed4": "done",
+        "ours-seed4": "done",
+        "rigid-seed4": "done",
+        "gha-seed4": "done",
+    }
+    value = json.loads((out / COMPARISON).read_text())
+    assert (value["preset"], value["iterations"]) == ("small", 77)
+    ours = next(row for row in value["rows"] if row["method"] == "ours")
+    assert ours["seconds_trained"] is None
+    assert "iterations: 77" in (out / "gha-seed4" / "config.yaml").read_text()
+    for name in ("ours-seed4", "rigid-seed4"):
+        assert (out / name / "canonical_hair.safetensors").read_text() == "canonical_hair of the run"
+    assert not (out / "shared" / "hair-seed4" / "begun").exists()
+    assert not (run / "evaluation").exists()
+
+
+def test_a_run_that_is_no_match_is_refused(capture: Path, tmp_path: Path) -> None:
+    run = trained_run(capture, tmp_path / "run")
+    other = write_synthetic_capture(tmp_path / "other", frames=2, views=2, size=16)
+    for message, asked in (
+        ("seed is 4", {"capture": capture}),
+        ("trained for 77 steps", {"capture": capture, "seeds": [4], "iterations": 5}),
+        ("was trained on", {"capture": other, "seeds": [4]}),
+    ):
+        with pytest.raises(DynhairError, match=message):
+            compare(asked.pop("capture"), tmp_path / "out", ["ours"], run, **asked)
+    (run / "avatar" / "avatar.json").unlink()
+    with pytest.raises(DynhairError, match="no avatar yet"):
+        compare(capture, tmp_path / "out", ["ours"], run, seeds=[4])
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_run_cannot_take_the_place_of_a_row_that_has_begun(
+    capture: Path, tmp_path: Path, reports: list[Path]
+) -> None:
+    run = trained_run(capture, tmp_path / "run")
+    assert compare(capture, tmp_path / "out", ["gha"], run, seeds=[4])
+    (tmp_path / "out" / "ours-seed4" / "avatar" / "avatar.json").unlink()
+    (tmp_path / "out" / "ours-seed4" / "avatar").rmdir()
+    with pytest.raises(DynhairError, match="has begun"):
+        compare(capture, tmp_path / "out", ["gha"], run, seeds=[4])
+
+
+def test_what_is_no_capture_leaves_nothing_behind(tmp_path: Path) -> None:
+    with pytest.raises(DynhairError):
+        ablate(tmp_path / "none", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_serves_one_command_at_a_time(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with locked(out, quiet()), pytest.raises(DynhairError, match="another process"), locked(out, quiet(), 0.0):
+        pass
+    with locked(out, quiet()) as lock:
+        child = subprocess.Popen([sys.executable, "-S", "-c", "input()"], stdin=subprocess.PIPE, pass_fds=[lock])
+    with pytest.raises(DynhairError, match="another process"), locked(out, quiet(), 0.0):
+        pass  # what started the child has let go; the child has not
+    child.communicate(b"\n")
+    with locked(out, quiet(), 5.0):
+        pass
