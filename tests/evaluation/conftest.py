@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
+from dynhair.evaluation.appearance import Appearance
 from dynhair.evaluation.perception import Perception
 from dynhair.losses import PerceptualDistance
 
@@ -23,7 +24,13 @@ def random_network() -> Perception:
     return Perception(distance.eval(), "random weights")
 
 
+@pytest.fixture(scope="session")
+def random_networks(random_network: Perception) -> Appearance:
+    """LPIPS with random weights alone."""
+    return Appearance(random_network, Perception(None, "no VGG16"), None, "no Inception")
+
+
 @pytest.fixture(autouse=True)
-def without_download(monkeypatch: pytest.MonkeyPatch, random_network: Perception) -> None:
-    """Takes the network with random weights in place of the published one."""
-    monkeypatch.setattr("dynhair.evaluation.protocol.Perception.published", lambda: random_network)
+def without_download(monkeypatch: pytest.MonkeyPatch, random_networks: Appearance) -> None:
+    """Takes networks with random weights in place of the published ones."""
+    monkeypatch.setattr("dynhair.evaluation.protocol.Appearance.published", lambda: random_networks)

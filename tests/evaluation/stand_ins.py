@@ -16,6 +16,8 @@ from dynhair.camera import Camera
 from dynhair.capture import Capture, GroundTruth, HeadTrack, Segment, View
 from dynhair.capture.layout import Layout
 from dynhair.capture.manifest import Manifest
+from dynhair.evaluation.figures import Figures
+from dynhair.evaluation.records import Evaluation, SegmentFigures
 
 WIDTH, HEIGHT = 36, 32
 SEGMENTS = (Segment("turn", 3, 7, "train"), Segment("stop", 10, 4, "test"), Segment("nod", 14, 3, "test"))
@@ -129,6 +131,12 @@ class StandInAvatar:
             images.append(image_of(posed.frame, name, size) + torch.from_numpy(noise).float())
             coverages.append(coverage_of(posed.frame + (self.error > 0) * 100, name, size))
         return StandInImages(torch.stack(images), torch.stack(coverages))
+
+
+def rigid_twin(evaluated: Evaluation | SegmentFigures) -> Figures:
+    """The figures of the rigid twin, which there is."""
+    assert evaluated.rigid is not None
+    return evaluated.rigid
 
 
 def rest_strands() -> np.ndarray:

@@ -9,7 +9,7 @@ import av
 import pytest
 from PIL import Image
 from rich.console import Console
-from stand_ins import SEGMENTS, StandInAvatar, StandInCapture
+from stand_ins import SEGMENTS, StandInAvatar, StandInCapture, rigid_twin
 
 from dynhair.errors import DynhairError
 from dynhair.evaluation import run
@@ -23,7 +23,7 @@ from dynhair.storage import read_json
 @pytest.fixture
 def on_disk(monkeypatch: pytest.MonkeyPatch) -> None:
     """Opens the stand-ins in the place of folders."""
-    monkeypatch.setattr(run.Avatar, "load", lambda path, device: StandInAvatar())
+    monkeypatch.setattr(run, "open_driven_head", lambda path, device: StandInAvatar())
     monkeypatch.setattr(run.Capture, "open", lambda path, **_: StandInCapture())
 
 
@@ -39,6 +39,7 @@ def test_an_evaluation_writes_figures_videos_and_a_sheet(tmp_path: Path) -> None
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
         "contact_sheet.png",
         "metrics.json",
+        "series.npz",
         "test_nod.mp4",
         "test_stop.mp4",
     ]
@@ -53,7 +54,7 @@ def test_an_evaluation_writes_figures_videos_and_a_sheet(tmp_path: Path) -> None
     printed = output.getvalue()
     assert "stop (test)" in printed
     assert format_figure(evaluation.motion.avatar.values["psnr"], 2) in printed
-    assert format_figure(evaluation.motion.rigid.values["psnr"], 2) in printed
+    assert format_figure(rigid_twin(evaluation.motion).values["psnr"], 2) in printed
     assert all(f"wrote {tmp_path / 'out' / name}" in printed for name in ("metrics.json", "test_nod.mp4"))
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from dynhair.evaluation.figures import DEFINITIONS, HAIR_FIGURES, MOTION, Figures, FigureSums
+from dynhair.evaluation.definitions import DEFINITIONS, HAIR_FIGURES, MOTION
+from dynhair.evaluation.figures import Figures, FigureSums
 
 
 def test_running_means_equal_plain_means() -> None:

@@ -102,7 +102,7 @@ def test_an_avatar_in_its_run_gets_both_parts(
     run: Run, capture: Path, truth: torch.Tensor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run.avatar.mkdir()
-    monkeypatch.setattr(evaluation_run.Avatar, "load", lambda path, device: RigidAvatar(truth + 0.1))
+    monkeypatch.setattr(evaluation_run, "open_driven_head", lambda path, device: RigidAvatar(truth + 0.1))
     evaluations = [evaluate(path, capture, tmp_path / path.name)[0] for path in (run.path, run.avatar)]
     for evaluation in evaluations:
         assert evaluation.motion is not None
@@ -116,7 +116,7 @@ def test_an_avatar_in_its_run_gets_both_parts(
 def test_an_avatar_alone_brings_its_own_hair(
     capture: Path, truth: torch.Tensor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(evaluation_run.Avatar, "load", lambda path, device: RigidAvatar(truth))
+    monkeypatch.setattr(evaluation_run, "open_driven_head", lambda path, device: RigidAvatar(truth))
     evaluation, _ = evaluate(tmp_path / "avatar", capture, tmp_path / "out")
     assert evaluation.hairstyle is not None
     assert evaluation.hairstyle.scores["canonical"].strands is not None
@@ -140,7 +140,7 @@ def test_an_avatar_is_evaluated_in_motion_where_the_hair_at_rest_cannot_be(
     bare = write_synthetic_capture(tmp_path / "bare", frames=2, views=1, size=48, with_gt=False)
     for mask in bare.rglob("hair_*"):
         mask.unlink()
-    monkeypatch.setattr(evaluation_run.Avatar, "load", lambda path, device: RigidAvatar(truth))
+    monkeypatch.setattr(evaluation_run, "open_driven_head", lambda path, device: RigidAvatar(truth))
     evaluation, printed = evaluate(tmp_path / "avatar", bare, tmp_path / "out")
     assert evaluation.motion is not None
     assert evaluation.hairstyle is None

@@ -18,18 +18,22 @@ from stand_ins import (
     StandInImages,
     StandInPose,
     image_of,
+    rigid_twin,
 )
 
 from dynhair.capture import GroundTruth, HeadTrack, Segment
 from dynhair.errors import DynhairError
-from dynhair.evaluation.figures import (
+from dynhair.evaluation.appearance import APPEARANCE_FIGURES, VGG_FIGURES, Appearance
+from dynhair.evaluation.definitions import (
     BOUNDARY_FIGURES,
     DEFINITIONS,
     FACE_FIGURES,
+    FID_FIGURES,
     FLICKER,
     HAIR_FIGURES,
     LPIPS_FIGURES,
     MOTION,
+    PENETRATION_FIGURES,
     TORSO_FIGURES,
 )
 from dynhair.evaluation.metrics import ssim
@@ -39,6 +43,15 @@ from dynhair.evaluation.records import EvaluatedFrame
 from dynhair.evaluation.truth import FRAMES_AHEAD
 
 WITHOUT_LANDMARKS_OR_MESH = {*FACE_FIGURES, *TORSO_FIGURES}
+UNMEASURED = {
+    *WITHOUT_LANDMARKS_OR_MESH,
+    *PENETRATION_FIGURES,
+    *VGG_FIGURES,
+    *FID_FIGURES,
+    *("phase_lag_ms", "settling_s", "settling_s_truth"),
+}
+"""What neither the stand-in capture nor its networks tell."""
+
 TEST_FRAMES = [(segment, index) for segment in SEGMENTS if segment.split == "test" for index in range(segment.count)]
 
 
@@ -76,12 +89,12 @@ def test_overall_figures_are_means_over_the_images_of_all_test_segments(rigid: b
                 naive["hair_tiou"].append(iou(before[0], mine))
                 naive["hair_tiou_truth"].append(iou(before[1], true))
             last[segment.name, view] = mine, true
-    figures = evaluation.rigid if rigid else evaluation.avatar
+    figures = rigid_twin(evaluation) if rigid else evaluation.avatar
     for name, values in naive.items():
         assert figures.values[name] == pytest.approx(np.mean(values), rel=1e-5), name
         assert figures.samples[name] == len(values), name
     assert (figures.frames, figures.images) == (7, 14)
-    assert set(figures.reasons) == {*WITHOUT_LANDMARKS_OR_MESH, "boundary_label_error"}
+    assert set(figures.reasons) == {*UNMEASURED, "boundary_label_error"}
 
 
 @pytest.mark.parametrize("share", [1.0, 0.5, -0.25])
@@ -89,7 +102,7 @@ def test_hair_motion_is_the_share_that_the_avatar_makes(share: float) -> None:
     evaluation = evaluate_avatar(StandInAvatar(share=share), StandInCapture())
     for part in evaluation.segments:
         assert part.avatar.values[MOTION] == pytest.approx(1.0 - abs(1.0 - share), abs=1e-5)
-        assert part.rigid.values[MOTION] == pytest.approx(0.0, abs=1e-5)
+        assert rigid_twin(part).values[MOTION] == pytest.approx(0.0, abs=1e-5)
         assert part.avatar.samples[MOTION] == part.avatar.frames
     assert evaluation.avatar.samples[MOTION] == 7
 
@@ -119,6 +132,7 @@ def test_training_segments_are_thinned_and_have_no_temporal_figures() -> None:
 
 def test_observers_see_clamped_images_of_all_views() -> None:
     def check(frame: EvaluatedFrame) -> None:
+        assert frame.rigid is not None
         for images in (frame.truth, frame.avatar, frame.rigid):
             assert images.shape == (len(CAMERAS), HEIGHT, WIDTH, 3)
             assert images.min() >= 0.0
@@ -142,8 +156,8 @@ def test_truth_is_decoded_only_a_few_frames_ahead() -> None:
 
 def test_without_hair_masks_the_full_image_is_still_measured() -> None:
     figures = evaluate_avatar(StandInAvatar(), StandInCapture(hair=False)).avatar
-    needy = {*HAIR_FIGURES, *BOUNDARY_FIGURES, "face_psnr", "face_ssim", *TORSO_FIGURES}
-    assert {name for name, value in figures.values.items() if value is None} == {*needy, "face_lpips"}
+    needy = {*HAIR_FIGURES, *BOUNDARY_FIGURES, "face_psnr", "face_ssim", *TORSO_FIGURES, "hair_lpips"}
+    assert {name for name, value in figures.values.items() if value is None} == {*needy, *UNMEASURED}
     assert {figures.reasons[name] for name in needy} == {"the capture has no hair masks"}
 
 
@@ -158,10 +172,14 @@ def test_a_capture_without_landmarks_or_mesh_says_so() -> None:
 
 
 def test_without_a_network_its_figures_say_why() -> None:
-    evaluation = evaluate_avatar(StandInAvatar(), StandInCapture(), perception=Perception(None, "no connection"))
-    assert all(evaluation.avatar.values[name] is None for name in LPIPS_FIGURES)
-    assert all(part.rigid.reasons["lpips"] == "no connection" for part in evaluation.segments)
-    assert evaluation.protocol["networks"] == "none: no connection"
+    nothing = Perception(None, "no connection")
+    appearance = Appearance(nothing, nothing, None, "no disk")
+    evaluation = evaluate_avatar(StandInAvatar(), StandInCapture(), appearance=appearance)
+    names = {*LPIPS_FIGURES, *APPEARANCE_FIGURES} - {"flip"}
+    assert all(evaluation.avatar.values[name] is None for name in names)
+    assert all(rigid_twin(part).reasons["lpips"] == "no connection" for part in evaluation.segments)
+    assert {evaluation.avatar.reasons[name] for name in FID_FIGURES} == {"no disk"}
+    assert evaluation.protocol["networks"] == "no connection; no connection; no disk"
 
 
 def test_without_true_strands_hair_motion_is_not_measured() -> None:
@@ -189,7 +207,7 @@ def test_json_explains_itself() -> None:
     assert written["rigid"]["segments"]["stop"]["psnr"] < written["segments"]["stop"]["psnr"]
     assert written["protocol"]["views"] == "all 2, 36x32 pixels: side, front"
     assert written["protocol"]["true_strands"].startswith("5 of 4 points")
-    assert written["protocol"]["networks"] == "random weights"
+    assert written["protocol"]["networks"] == "random weights; no VGG16; no Inception"
 
 
 @pytest.mark.parametrize("of", ["images", "strands"])

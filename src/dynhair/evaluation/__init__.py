@@ -1,6 +1,7 @@
 """Evaluation: metrics, the protocol that measures an avatar against a capture, reports and videos."""
 
-from dynhair.evaluation.figures import DEFINITIONS, Figures
+from dynhair.evaluation.definitions import DEFINITIONS
+from dynhair.evaluation.figures import Figures
 from dynhair.evaluation.hair_motion import HairMotion, motion_explained
 from dynhair.evaluation.hairstyle import HairstyleEvaluation, HairstyleScores, evaluate_hairstyles, hairstyle_scores
 from dynhair.evaluation.metrics import psnr, silhouette, silhouette_iou, ssim

@@ -8,7 +8,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from dynhair.evaluation.figures import TORSO_MOTION, TORSO_MOTION_TRUTH, FigureSums
+from dynhair.evaluation.definitions import TORSO_MOTION, TORSO_MOTION_TRUTH
+from dynhair.evaluation.figures import FigureSums
 from dynhair.evaluation.head_truth import HeadTruth, HeadTruths
 from dynhair.evaluation.metrics import decibels, label_error, mean_similarity
 from dynhair.evaluation.torso import TorsoMotion, mean_motion, without_hair

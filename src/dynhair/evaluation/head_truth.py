@@ -11,8 +11,8 @@ from torch import Tensor
 from dynhair.camera import Camera
 from dynhair.capture import Capture, Segment
 from dynhair.errors import DynhairError
+from dynhair.evaluation.definitions import FACE_FIGURES, TORSO_FIGURES
 from dynhair.evaluation.face import FaceRegion, face_region
-from dynhair.evaluation.figures import FACE_FIGURES, TORSO_FIGURES
 from dynhair.evaluation.regions import boundary_band
 from dynhair.evaluation.torso import Torso, TorsoMotion
 from dynhair.evaluation.truth import TrueFrame

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from jaxtyping import Float
 from torch import Tensor
 
+from dynhair.evaluation.definitions import FLICKER, LPIPS_FIGURES
 from dynhair.evaluation.face import FaceRegion
-from dynhair.evaluation.figures import FLICKER, LPIPS_FIGURES, FigureSums
+from dynhair.evaluation.figures import FigureSums
 from dynhair.evaluation.flicker import TrueChange, TrueFlicker, hair_change
 from dynhair.evaluation.perception import PERCEPTION_STRIDE, Perception, Seen
 from dynhair.evaluation.truth import TrueFrame

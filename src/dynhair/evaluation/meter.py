@@ -1,18 +1,12 @@
-"""Measures one set of images of a segment: all figures of its frames, in order."""
+"""Measures one set of images of a segment, pixel by pixel: figures of the whole, of the hair, of the head."""
 
 from __future__ import annotations
 
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from dynhair.evaluation.figures import (
-    BOUNDARY_FIGURES,
-    HAIR_FIGURES,
-    SILHOUETTE_FIGURES,
-    TORSO_FIGURES,
-    FigureSums,
-)
-from dynhair.evaluation.hair_motion import HairMotion
+from dynhair.evaluation.definitions import BOUNDARY_FIGURES, HAIR_FIGURES, SILHOUETTE_FIGURES, TORSO_FIGURES
+from dynhair.evaluation.figures import FigureSums
 from dynhair.evaluation.head_meter import NO_HAIR_COVERAGE, Drawn, HeadMeter
 from dynhair.evaluation.head_truth import HeadTruth, HeadTruths
 from dynhair.evaluation.metrics import decibels, mean_similarity, silhouette, silhouette_iou, squared_error
@@ -28,33 +22,21 @@ class Meter:
         sums: of the segment.
         series: of the segment.
         heads: the segment's truth of the head.
-        motion: compares strands; None where the capture holds no true ones, or the method has none.
-        true_strands: of all frames of the segment, in the head's frame.
     """
 
-    def __init__(
-        self,
-        sums: FigureSums,
-        series: Series,
-        heads: HeadTruths,
-        motion: HairMotion | None,
-        true_strands: Float[Tensor, "f m p 3"] | None,
-    ) -> None:
+    def __init__(self, sums: FigureSums, series: Series, heads: HeadTruths) -> None:
         self._sums, self._series = sums, series
         self._head = HeadMeter(heads, sums)
-        self._motion = motion
-        self._true_strands = true_strands
         self._last: tuple[int, Bool[Tensor, "v h w"]] | None = None
         self._last_true: tuple[int, Bool[Tensor, "v h w"]] | None = None
 
-    def add(self, truth: TrueFrame, head: HeadTruth, drawn: Drawn, strands: Float[Tensor, "n l 3"] | None) -> None:
+    def add(self, truth: TrueFrame, head: HeadTruth, drawn: Drawn) -> None:
         """Measure a frame.
 
         Args:
             truth: of the frame.
             head: what it says of the head.
             drawn: the images.
-            strands: the avatar's, in the head's frame, metres; None for a method without.
         """
         self._sums.add_frame(images=len(drawn.rgb))
         error, similarity = squared_error(drawn.rgb, truth.rgb), ssim_map(drawn.rgb, truth.rgb)
@@ -68,8 +50,6 @@ class Meter:
             self._sums.add("hair_ssim", mean_similarity(similarity, truth.hair))
             self._add_silhouettes(truth.index, drawn, truth.hair)
         self._head.add(truth, head, drawn, error, similarity)
-        if self._motion is not None and self._true_strands is not None and strands is not None:
-            self._sums.add_motion(*self._motion.errors(strands, self._true_strands[truth.index]))
 
     def _add_silhouettes(self, index: int, drawn: Drawn, truth: Bool[Tensor, "v h w"]) -> None:
         self._last_true = self._add_overlap("hair_tiou_truth", self._last_true, index, truth)

@@ -12,23 +12,19 @@ from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import torch
-from jaxtyping import Float
 from torch import Tensor
 
 from dynhair.camera import Camera
 from dynhair.capture import Capture, HeadTrack, Segment
 from dynhair.errors import DynhairError
+from dynhair.evaluation.appearance import Appearance
 from dynhair.evaluation.cost import Stopwatch
-from dynhair.evaluation.figures import MOTION, TEMPORAL_FIGURES, Figures, FigureSums
-from dynhair.evaluation.hair_motion import HairMotion, to_head_frame
+from dynhair.evaluation.figures import Figures, FigureSums
 from dynhair.evaluation.head_meter import Drawn
-from dynhair.evaluation.head_truth import HeadTruths
 from dynhair.evaluation.held_out import HeldOutViews
-from dynhair.evaluation.looks import LooksMeter, TrueLooks
-from dynhair.evaluation.meter import Meter
-from dynhair.evaluation.perception import Perception
 from dynhair.evaluation.records import EvaluatedFrame, Evaluation, SegmentFigures
-from dynhair.evaluation.series import Series
+from dynhair.evaluation.segment_meter import SegmentMeter, SegmentTruths
+from dynhair.evaluation.true_motion import RestingHair, in_head
 from dynhair.evaluation.truth import true_frames, true_strands
 
 _Part = TypeVar("_Part")
@@ -71,7 +67,7 @@ def evaluate_avatar(
     capture: Capture,
     *,
     held_out: HeldOutViews | None = None,
-    perception: Perception | None = None,
+    appearance: Appearance | None = None,
     observe: Callable[[EvaluatedFrame], None] | None = None,
 ) -> Evaluation:
     """Drive the avatar by each segment's track and hold it against the capture, in constant memory.
@@ -82,7 +78,7 @@ def evaluate_avatar(
         avatar: what is evaluated.
         capture: the truth. Its true strands, where it has them, serve the figures of hair motion alone.
         held_out: cameras that training did not use.
-        perception: for LPIPS; the published network when left out.
+        appearance: networks that compare images; the published ones when left out.
         observe: called with each frame's images once they are measured.
 
     Raises:
@@ -90,18 +86,18 @@ def evaluate_avatar(
     """
     watch = Stopwatch()
     held_out = held_out or HeldOutViews()
-    perception = (perception or Perception.published()).for_images(*capture.image_size)
+    appearance = (appearance or Appearance.published()).for_images(*capture.image_size)
     twins = (False, True) if has_rigid_twin(avatar, capture) else (False,)
-    session = _Session(avatar, capture, twins, held_out, _hair_motion(avatar, capture), perception, observe, watch)
+    session = _Session(avatar, capture, twins, held_out, _resting_hair(avatar, capture), appearance, observe, watch)
     overall = session.sums()
     segments = []
     for segment in capture.segments:
-        sums, series = session.measure(segment)
-        figures = [part.figures() for part in sums]
-        segments.append(SegmentFigures(segment, figures[0], _second(figures), series.values))
+        meters = session.measure(segment)
+        figures = [meter.sums.figures() for meter in meters]
+        segments.append(SegmentFigures(segment, figures[0], _second(figures), meters[0].series.values))
         if segment.split == "test":
-            for whole, part in zip(overall, sums, strict=True):
-                whole.merge(part)
+            for whole, meter in zip(overall, meters, strict=True):
+                whole.merge(meter.sums)
     figures = [part.figures() for part in overall]
     if not overall[0].frames:
         figures = [Figures.unmeasured("the capture has no test segment") for _ in overall]
@@ -137,8 +133,8 @@ class _Session:
     capture: Capture
     twins: tuple[bool, ...]
     held_out: HeldOutViews
-    motion: HairMotion | None
-    perception: Perception
+    rest: RestingHair
+    appearance: Appearance
     observe: Callable[[EvaluatedFrame], None] | None
     watch: Stopwatch
 
@@ -147,41 +143,29 @@ class _Session:
         apart = self.held_out.within(self.capture.camera_names)
         return [FigureSums(apart) for _ in self.twins]
 
-    def measure(self, segment: Segment) -> tuple[list[FigureSums], Series]:
-        """Sum up one segment: the avatar, and its rigid twin if it has one."""
-        capture, watch = self.capture, self.watch
-        track = capture.track(segment)
-        true = _compared_strands(capture, segment, self.motion)
-        heads, looks = HeadTruths(capture, segment), TrueLooks(self.perception)
-        sums, series = self.sums(), [Series(segment, capture.fps) for _ in self.twins]
-        meters = [Meter(*own, heads, self.motion, true) for own in zip(sums, series, strict=True)]
-        look_meters = [LooksMeter(looks, own) for own in sums]
-        for own in sums:
-            self._explain(own, segment)
-        for truth in true_frames(capture, segment, evaluated_indices(segment)):
-            cameras = [capture.camera(segment.frames[truth.index], name) for name in capture.camera_names]
-            with watch.part("figures"):
-                head = heads.frame(truth, cameras)
-            with watch.part("networks"):
-                look = looks.frame(truth, head.face)
-            images = []
-            for meter, look_meter, rigid_hair in zip(meters, look_meters, self.twins, strict=True):
-                with watch.part("drawing"):
-                    drawn, posed = self._draw(track, segment, truth.index, cameras, rigid_hair)
-                with watch.part("figures"):
-                    strands = None if posed.strands is None else _in_head(posed.strands, track, truth.index)
-                    meter.add(truth, head, drawn, strands)
-                with watch.part("networks"):
-                    look_meter.add(look, drawn.rgb)
+    def measure(self, segment: Segment) -> list[SegmentMeter]:
+        """Measure one segment: the avatar, and its rigid twin if it has one."""
+        places = evaluated_indices(segment)
+        truths = SegmentTruths(self.capture, segment, len(places), self.rest, self.appearance, self.watch)
+        meters = [SegmentMeter(truths, sums) for sums in self.sums()]
+        for frame in true_frames(self.capture, segment, places):
+            truth, images = truths.frame(frame), []
+            for meter, rigid_hair in zip(meters, self.twins, strict=True):
+                with self.watch.part("drawing"):
+                    posed = self.avatar.pose(truths.track, frame.index, rigid_hair=rigid_hair)
+                    drawn = draw(self.avatar, posed, truth.cameras, f"frame {frame.index} of '{segment.name}'")
+                meter.add(truth, drawn, posed)
                 images.append(drawn.rgb)
             if self.observe is not None:
-                with watch.part("pictures"):
-                    self.observe(EvaluatedFrame(segment, truth.index, truth.rgb, images[0], _second(images)))
-        return sums, series[0]
+                with self.watch.part("pictures"):
+                    self.observe(EvaluatedFrame(segment, frame.index, frame.rgb, images[0], _second(images)))
+        for meter in meters:
+            meter.finish()
+        return meters
 
     def protocol(self) -> dict[str, str]:
         """Say in words what was held against what."""
-        capture, motion, perception = self.capture, self.motion, self.perception
+        capture, motion = self.capture, self.rest.motion
         width, height = capture.image_size
         return {
             "capture": capture.name,
@@ -198,57 +182,40 @@ class _Session:
             "true_strands": "none"
             if motion is None
             else f"{motion.true_strands} of {motion.true_points} points from the capture, at rest in its first frame",
-            "networks": perception.description
-            if perception.distance is not None
-            else f"none: {perception.description}",
+            "networks": self.appearance.description,
         }
 
-    def _draw(
-        self, track: HeadTrack, segment: Segment, index: int, cameras: Sequence[Camera], rigid_hair: bool
-    ) -> tuple[Drawn, Any]:
-        posed = self.avatar.pose(track, index, rigid_hair=rigid_hair)
-        points = posed.means if posed.strands is None else posed.strands
-        rendered = self.avatar.render(posed, [camera.to(points.device) for camera in cameras])
-        hair, body = rendered.hair, getattr(rendered, "body", None)
-        _require_finite(segment, index, points, rendered.rgb, *(() if hair is None else (hair,)))
-        on_cpu = [None if coverage is None else coverage.cpu() for coverage in (hair, body)]
-        return Drawn(rendered.rgb.cpu().clamp(0.0, 1.0), *on_cpu), posed
 
-    def _explain(self, sums: FigureSums, segment: Segment) -> None:
-        """Say what will be missing from a segment's figures."""
-        if segment.split == "train":
-            sums.explain("only every few frames of a training segment are evaluated", *TEMPORAL_FIGURES)
-        if self.motion is None:
-            without = "the capture holds no true strands"
-            sums.explain(without if self.capture.ground_truth(segment) is None else "the method has no strands", MOTION)
-        if sums.held_out is not None:
-            sums.held_out.explain("it is of no view", MOTION)
+def draw(avatar: DrivenHead, posed: Any, cameras: Sequence[Camera], where: str) -> Drawn:
+    """Render a posed head, and bring the images to the CPU.
 
+    Args:
+        avatar: what was posed.
+        posed: what its ``pose`` returned.
+        cameras: that see it.
+        where: the frame, for the error.
 
-def _hair_motion(avatar: DrivenHead, capture: Capture) -> HairMotion | None:
-    """What compares the avatar's strands with the true ones; None where either has none."""
-    first = capture.segments[0]
-    true = true_strands(capture, first)
-    if true is None:
-        return None
-    track = capture.track(first)
-    rest = avatar.pose(track, 0, rigid_hair=True).strands
-    if rest is None:
-        return None
-    _require_finite(first, 0, rest)
-    return HairMotion(_in_head(rest, track, 0), true[0])
+    Raises:
+        DynhairError: strands, Gaussians or images are not finite.
+    """
+    points = posed.means if posed.strands is None else posed.strands
+    rendered = avatar.render(posed, [camera.to(points.device) for camera in cameras])
+    hair, body = rendered.hair, getattr(rendered, "body", None)
+    _require_finite(where, points, rendered.rgb, *(() if hair is None else (hair,)))
+    coverages = [None if coverage is None else coverage.cpu() for coverage in (hair, body)]
+    return Drawn(rendered.rgb.cpu().clamp(0.0, 1.0), *coverages)
 
 
-def _compared_strands(capture: Capture, segment: Segment, motion: HairMotion | None) -> Float[Tensor, "f m p 3"] | None:
-    """A segment's true strands, if they are compared with the avatar's."""
-    strands = None if motion is None else true_strands(capture, segment)
-    if motion is not None and strands is not None and strands.shape[1:3] != (motion.true_strands, motion.true_points):
-        raise DynhairError(
-            f"'{segment.name}' has {strands.shape[1]} true strands of {strands.shape[2]} points",
-            path=capture.path,
-            expected=f"the {motion.true_strands} of {motion.true_points} points that the first segment has",
-        )
-    return strands
+def _resting_hair(avatar: DrivenHead, capture: Capture) -> RestingHair:
+    """The avatar's hair at rest, and the truth's in the capture's first frame."""
+    segment = capture.segments[0]
+    track = capture.track(segment)
+    strands = avatar.pose(track, 0, rigid_hair=True).strands
+    if strands is not None:
+        _require_finite(f"frame 0 of '{segment.name}'", strands)
+        strands = in_head(strands, track, 0)
+    true = true_strands(capture, segment)
+    return RestingHair.of(strands, None if true is None else true[0])
 
 
 def _second(parts: Sequence[_Part]) -> _Part | None:
@@ -256,14 +223,9 @@ def _second(parts: Sequence[_Part]) -> _Part | None:
     return parts[1] if len(parts) > 1 else None
 
 
-def _in_head(strands: Float[Tensor, "n l 3"], track: HeadTrack, index: int) -> Float[Tensor, "n l 3"]:
-    rotation, translation = torch.from_numpy(track.rotations[index]), torch.from_numpy(track.translations[index])
-    return to_head_frame(strands.cpu().double(), rotation, translation)
-
-
-def _require_finite(segment: Segment, index: int, *tensors: Tensor) -> None:
+def _require_finite(where: str, *tensors: Tensor) -> None:
     if not all(tensor.isfinite().all() for tensor in tensors):
         raise DynhairError(
-            f"the avatar's strands or images are not finite in frame {index} of '{segment.name}'",
+            f"the avatar's strands or images are not finite in {where}",
             mend="take an earlier checkpoint of its training",
         )

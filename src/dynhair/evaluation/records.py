@@ -12,7 +12,8 @@ from torch import Tensor
 
 from dynhair.capture import Segment
 from dynhair.evaluation.cost import Cost
-from dynhair.evaluation.figures import DEFINITIONS, Figures
+from dynhair.evaluation.definitions import DEFINITIONS
+from dynhair.evaluation.figures import Figures
 from dynhair.evaluation.held_out import HeldOutViews
 
 

@@ -14,22 +14,25 @@ from rich.text import Text
 from torch import Tensor
 
 from dynhair import __version__
-from dynhair.avatar import Avatar
+from dynhair.baselines import open_driven_head
 from dynhair.capture import Capture
 from dynhair.errors import DynhairError
 from dynhair.evaluation.expressions import ExpressionSheet
 from dynhair.evaluation.hairstyle import HairstyleEvaluation, evaluate_hairstyles
+from dynhair.evaluation.held_out import HeldOutViews, held_out_views
 from dynhair.evaluation.pictures import picture
 from dynhair.evaluation.protocol import DrivenHead, evaluate_avatar, evaluated_indices
 from dynhair.evaluation.recorder import Recorder
 from dynhair.evaluation.records import EvaluatedFrame, Evaluation
 from dynhair.evaluation.report import evaluation_table, hairstyle_table
+from dynhair.evaluation.series import write_series
 from dynhair.evaluation.video import video_writer
 from dynhair.storage import write_json
 from dynhair.threads import large_pieces
 from dynhair.training.run import Run, avatar_folder, read_hair
 
 METRICS = "metrics.json"
+SERIES_FILE = "series.npz"
 
 
 @dataclass(frozen=True)
@@ -60,8 +63,8 @@ def run_evaluation(
     Args:
         path: the avatar's folder, or the run's.
         capture_path: the capture's folder.
-        out: folder for ``metrics.json`` and, of an avatar, ``test_<segment>.mp4``, ``contact_sheet.png`` and, where
-            expressions vary, ``expressions.png``.
+        out: folder for ``metrics.json`` and, of an avatar, ``series.npz``, ``test_<segment>.mp4``,
+            ``contact_sheet.png`` and, where expressions vary, ``expressions.png``.
         device: where the avatar is posed and rendered.
         console: where progress and tables go; standard output when left out.
 
@@ -69,20 +72,22 @@ def run_evaluation(
         DynhairError: the avatar, the run or the capture cannot be read; or the run has no hair yet.
     """
     path, out, console = Path(path), Path(out), console or Console()
-    hairstyles = _stages_of_hair(path)
+    run = _run_of(path)
+    hairstyles = {} if run is None else _stages_of_hair(run)
     capture = Capture.open(capture_path, cache_bytes=0)  # views are read once
     figures: dict[str, Any] = {"dynhair": __version__, "avatar": path.resolve().name}
     motion, written = None, []
     if avatar_folder(path).exists() or not hairstyles:
-        avatar = Avatar.load(avatar_folder(path), device)
-        hairstyles = hairstyles or {"canonical": avatar.canonical_strands}
-        motion, written = _evaluate_motion(avatar, capture, out, console)
+        avatar = open_driven_head(path, device)
+        own = getattr(avatar, "canonical_strands", None)
+        hairstyles = hairstyles or ({} if own is None else {"canonical": own})
+        motion, written = _evaluate_motion(avatar, capture, held_out_views(run, capture), out, console)
         figures.update(motion.to_json())
         console.print(evaluation_table(motion))
     hairstyle = None
     try:
         with console.status("evaluating the hair at rest"), large_pieces():
-            hairstyle = evaluate_hairstyles(capture, hairstyles)
+            hairstyle = _evaluate_hairstyles(capture, hairstyles)
         figures["hairstyle"] = hairstyle.to_json()
         console.print(hairstyle_table(hairstyle))
     except DynhairError as error:
@@ -96,20 +101,28 @@ def run_evaluation(
     return RunEvaluation(motion, hairstyle)
 
 
-def _stages_of_hair(path: Path) -> dict[str, Float[Tensor, "_ _ 3"]]:
-    """The hairstyles that a run has kept, given its folder or that of the avatar inside; nothing outside of a run."""
+def _run_of(path: Path) -> Run | None:
+    """The run, given its folder or that of the avatar inside; None for an avatar outside of its run."""
     owner = next((folder for folder in (path, path.resolve().parent) if (folder / "run.json").exists()), None)
-    if owner is None:
-        return {}
-    run = Run.open(owner)
+    return None if owner is None else Run.open(owner)
+
+
+def _stages_of_hair(run: Run) -> dict[str, Float[Tensor, "_ _ 3"]]:
+    """The hairstyles that a run has kept."""
     canonical, first_guess = read_hair(run.canonical_hair), read_hair(run.first_guess)
     if canonical is None:
         return {}
     return {"canonical": canonical} if first_guess is None else {"first_guess": first_guess, "canonical": canonical}
 
 
+def _evaluate_hairstyles(capture: Capture, hairstyles: dict[str, Float[Tensor, "_ _ 3"]]) -> HairstyleEvaluation:
+    if not hairstyles:
+        raise DynhairError("the method has no strands")
+    return evaluate_hairstyles(capture, hairstyles)
+
+
 def _evaluate_motion(
-    avatar: DrivenHead, capture: Capture, out: Path, console: Console
+    avatar: DrivenHead, capture: Capture, held_out: HeldOutViews, out: Path, console: Console
 ) -> tuple[Evaluation, list[Path]]:
     total = sum(len(evaluated_indices(segment)) for segment in capture.segments)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
@@ -123,9 +136,11 @@ def _evaluate_motion(
             expressions(frame)
             progress.update(task, advance=1, description=f"evaluating {frame.segment.name}")
 
-        evaluation = evaluate_avatar(avatar, capture, observe=observe)
+        evaluation = evaluate_avatar(avatar, capture, held_out=held_out, observe=observe)
+    series = out / SERIES_FILE
+    write_series(series, {part.segment.name: part.series for part in evaluation.segments})
     sheet = expressions.write(out)
-    return evaluation, [*recorder.written, *([] if sheet is None else [sheet])]
+    return evaluation, [series, *recorder.written, *([] if sheet is None else [sheet])]
 
 
 @torch.no_grad()
@@ -156,7 +171,7 @@ def render_motion(
         DynhairError: the avatar or the capture cannot be read, or has no such segment or camera.
     """
     console = console or Console()
-    avatar, capture = Avatar.load(avatar_path, device), Capture.open(capture_path)
+    avatar, capture = open_driven_head(avatar_path, device), Capture.open(capture_path)
     segment = capture.segment(motion)
     head = capture.track(segment)
     cameras = [capture.camera(frame, camera).to(device) for frame in segment.frames]

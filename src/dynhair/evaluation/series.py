@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float, Float32
+from torch import Tensor
 
 from dynhair.capture import Segment
 from dynhair.storage import atomic_file
@@ -45,6 +46,10 @@ class Series:
     def record(self, name: str, index: int, value: float) -> None:
         """Set one frame's value."""
         self.values[name][index] = value
+
+    def set(self, name: str, values: Float[Tensor, " f"]) -> None:
+        """Set all frames' values."""
+        self.values[name][:] = values.numpy()
 
 
 def write_series(path: Path, segments: Mapping[str, Mapping[str, Float32[np.ndarray, " f"]]]) -> None:
