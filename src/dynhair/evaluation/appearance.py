@@ -49,18 +49,14 @@ class Appearance:
     inception_description: str
 
     @classmethod
-    def published(cls, alexnet: Perception | None = None) -> Appearance:
-        """The published networks, downloaded if they are not in the cache; without them, the reasons.
-
-        Args:
-            alexnet: LPIPS with AlexNet, should it be there already.
-        """
+    def published(cls) -> Appearance:
+        """The published networks, downloaded if they are not in the cache; without them, the reasons."""
         network, description = None, f"Inception v3 for FID ({ASSET}, SHA-256 {find_asset(ASSET).sha256})"
         try:
             network = InceptionNetwork.pretrained()
         except DynhairError as error:
             description = error.message.splitlines()[0].rstrip(":")
-        return cls(alexnet or Perception.published(), Perception.published("vgg16"), network, description)
+        return cls(Perception.published(), Perception.published("vgg16"), network, description)
 
     def for_images(self, width: int, height: int) -> Appearance:
         """The same, without the networks that cannot see images of this size."""
