@@ -11,8 +11,7 @@ from dynhair.errors import DynhairError
 from dynhair.evaluation.face import FaceRegion, Square
 from dynhair.evaluation.perception import LEAST_FACE, Perception, enlarged
 from dynhair.losses import PerceptualDistance
-
-published = Perception.published  # which the fixtures replace
+from dynhair.losses.perceptual import NetworkName
 
 
 def images(seed: int) -> torch.Tensor:
@@ -64,7 +63,7 @@ def test_weights_that_cannot_be_had_are_no_error(monkeypatch: pytest.MonkeyPatch
         raise DynhairError(f"lpips-{network} is missing and no source could give it:\n  a mirror: no route")
 
     monkeypatch.setattr(PerceptualDistance, "pretrained", fail)
-    perception = published()
+    perception = Perception.published()
     assert perception.distance is None
     assert perception.description == "lpips-alexnet is missing and no source could give it"
     assert perception.for_images(100, 100) is perception
@@ -72,14 +71,27 @@ def test_weights_that_cannot_be_had_are_no_error(monkeypatch: pytest.MonkeyPatch
         perception.see(images(0), None)
 
 
-def test_the_published_network_names_itself(monkeypatch: pytest.MonkeyPatch, random_network: Perception) -> None:
-    monkeypatch.setattr(PerceptualDistance, "pretrained", lambda network: random_network.distance)
-    perception = published()
+@pytest.mark.parametrize(
+    ("network", "title", "sha256"),
+    [
+        ("alexnet", "AlexNet", "443c5bc35326b81e4ac7517b853fd22d3effe38783697d87e2ec65cb01d744b1"),
+        ("vgg16", "VGG16", "2ecbe4ce01168921c28dfd502e2b74490ef8c4d66b0a0286bc7a6127facccc9d"),
+    ],
+)
+def test_the_published_networks_name_themselves(
+    network: NetworkName, title: str, sha256: str, monkeypatch: pytest.MonkeyPatch, random_network: Perception
+) -> None:
+    asked = []
+
+    def pretrained(name: str) -> PerceptualDistance | None:
+        asked.append(name)
+        return random_network.distance
+
+    monkeypatch.setattr(PerceptualDistance, "pretrained", pretrained)
+    perception = Perception.published(network)
+    assert asked == [network]
     assert perception.distance is random_network.distance
-    assert perception.description == (
-        "LPIPS 0.1 with AlexNet (lpips-alexnet, "
-        "SHA-256 443c5bc35326b81e4ac7517b853fd22d3effe38783697d87e2ec65cb01d744b1)"
-    )
+    assert perception.description == f"LPIPS 0.1 with {title} (lpips-{network}, SHA-256 {sha256})"
 
 
 def test_images_that_are_too_small_say_so(random_network: Perception) -> None:

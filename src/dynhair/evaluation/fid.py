@@ -19,7 +19,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 FID_IMAGES = 64
-"""Images of a test segment that are seen, spread over its frames and views: an image takes the network as long as ten
+"""Images of a test segment that are seen, spread over its frames and views: an image takes the network as long as seven
 take AlexNet."""
 
 LEAST_IMAGES = 2
