@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -145,5 +146,6 @@ class BoundGaussians(StrandlessHead):
 
 
 def beyond(values: Float[Tensor, "g 3"], threshold: float) -> Float[Tensor, ""]:
-    """The mean length of ``max(|values|, threshold)``: no gradient below the threshold (section 3.3)."""
-    return torch.linalg.vector_norm(values.abs().clamp_min(threshold), dim=1).mean()
+    """The mean length of ``max(|values|, threshold)`` (section 3.3), less its least: zero up to the threshold."""
+    lengths = torch.linalg.vector_norm(values.abs().clamp_min(threshold), dim=1)
+    return lengths.mean() - math.sqrt(3) * threshold
