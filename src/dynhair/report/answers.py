@@ -13,9 +13,10 @@ from rich.text import Text
 from scipy.stats import binomtest
 
 from dynhair.errors import DynhairError
-from dynhair.report.study import ANSWERS_KIND, KEY_KIND
 from dynhair.storage import read_json
 
+KEY_KIND = "dynhair user study key"
+ANSWERS_KIND = "dynhair user study answers"
 CONFIDENCE = 0.95
 
 

@@ -5,19 +5,18 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from dynhair.report.answers import ANSWERS_KIND, KEY_KIND
 from dynhair.report.clips import Clip, data_url, write_clip
 from dynhair.report.templates import render
 from dynhair.storage import atomic_file, write_json
 
 STUDY_PAGE = "user_study.html"
 STUDY_KEY = "user_study_key.json"
-KEY_KIND = "dynhair user study key"
-ANSWERS_KIND = "dynhair user study answers"
 
 
 @dataclass(frozen=True)
@@ -76,44 +75,76 @@ def write_study(pairs: Sequence[Pair], out: Path, budget: int) -> Path | None:
     Returns:
         The page; None where there is no pair.
     """
-    if not pairs:
-        return None
     with tempfile.TemporaryDirectory() as temporary:
-        files: dict[Clip, Path] = {}
-        for pair in pairs:
-            for clip in (pair.truth_video, pair.our_video, pair.other_video):
-                if clip not in files:
-                    written = Path(temporary) / f"{len(files)}.mp4"
-                    write_clip(clip, written)
-                    files[clip] = written.rename(written.with_name(_name_of(written) + ".mp4"))
-        sources = _sources(list(files.values()), out, budget)
-    trials = {}
-    for pair in pairs:
-        ours, other = files[pair.our_video].stem, files[pair.other_video].stem
-        if ours == other:
-            continue  # two clips that do not differ are no choice
-        trials[_digest(f"{ours} {other}")] = {
-            "truth": files[pair.truth_video].stem,
-            "clips": sorted((ours, other)),
-            "key": {"ours": ours, "other": other, "label": pair.other, "capture": pair.capture, "clip": pair.clip},
-        }
-    study = _digest(" ".join(sorted(trials)))
+        files = _cut(pairs, Path(temporary))
+        trials = sorted(_trials(pairs, files), key=lambda trial: trial.id)
+        if not trials:
+            return None
+        shown = dict.fromkeys(clip for trial in trials for clip in (trial.truth, trial.ours, trial.other))
+        sources = _sources([file for file in files.values() if file.stem in shown], out, budget)
+    study = _digest(*(trial.id for trial in trials))
     questions = [asdict(question) for question in QUESTIONS]
-    write_json(
-        out / STUDY_KEY,
-        {
-            "kind": KEY_KIND,
-            "study": study,
-            "questions": questions,
-            "trials": {name: trial["key"] for name, trial in trials.items()},
-        },
-    )
-    shown = [{"id": name, "truth": trials[name]["truth"], "clips": trials[name]["clips"]} for name in sorted(trials)]
-    content = {"kind": ANSWERS_KIND, "study": study, "questions": questions, "trials": shown, "sources": sources}
+    secrets = {trial.id: trial.secret() for trial in trials}
+    write_json(out / STUDY_KEY, {"kind": KEY_KIND, "study": study, "questions": questions, "trials": secrets})
+    content = {
+        "kind": ANSWERS_KIND,
+        "study": study,
+        "questions": questions,
+        "trials": [trial.shown() for trial in trials],
+        "sources": sources,
+    }
     page = out / STUDY_PAGE
-    with atomic_file(page) as written:
-        written.write_text(render("user_study.html.jinja", content=_script_json(content)), encoding="utf-8")
+    with atomic_file(page) as temporary_page:
+        temporary_page.write_text(render("user_study.html.jinja", content=_script_json(content)), encoding="utf-8")
     return page
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A pair by the names of its clips."""
+
+    pair: Pair
+    truth: str
+    ours: str
+    other: str
+
+    @property
+    def id(self) -> str:
+        return _digest(self.ours, self.other)
+
+    def shown(self) -> dict[str, Any]:
+        """What participants may know: nothing in the order of the clips tells which is ours."""
+        return {"id": self.id, "truth": self.truth, "clips": sorted((self.ours, self.other))}
+
+    def secret(self) -> dict[str, str]:
+        pair = self.pair
+        return {
+            "ours": self.ours,
+            "other": self.other,
+            "label": pair.other,
+            "capture": pair.capture,
+            "clip": pair.clip,
+        }
+
+
+def _cut(pairs: Sequence[Pair], folder: Path) -> dict[Clip, Path]:
+    """Write each clip once, named by its content."""
+    files: dict[Clip, Path] = {}
+    for pair in pairs:
+        for clip in (pair.truth_video, pair.our_video, pair.other_video):
+            if clip not in files:
+                unnamed = folder / "clip.mp4"
+                write_clip(clip, unnamed)
+                name = hashlib.sha256(unnamed.read_bytes()).hexdigest()[:12]
+                files[clip] = unnamed.rename(folder / f"{name}.mp4")
+    return files
+
+
+def _trials(pairs: Sequence[Pair], files: Mapping[Clip, Path]) -> Iterator[_Trial]:
+    for pair in pairs:
+        truth, ours, other = (files[clip].stem for clip in (pair.truth_video, pair.our_video, pair.other_video))
+        if ours != other:  # two clips that do not differ are no choice
+            yield _Trial(pair, truth, ours, other)
 
 
 def _sources(files: Sequence[Path], out: Path, budget: int) -> dict[str, str]:
@@ -125,12 +156,8 @@ def _sources(files: Sequence[Path], out: Path, budget: int) -> dict[str, str]:
     return {file.stem: f"user_study/{file.name}" for file in sorted(files)}
 
 
-def _name_of(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()[:12]
-
-
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()[:12]
+def _digest(*names: str) -> str:
+    return hashlib.sha256(" ".join(names).encode()).hexdigest()[:12]
 
 
 def _script_json(value: Mapping[str, Any]) -> str:
