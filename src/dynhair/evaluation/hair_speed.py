@@ -71,8 +71,7 @@ class HairSpeed:
         self._last_speed = speed
 
     def merge(self, other: HairSpeed) -> None:
-        """Add another motion; no more frames can be added after it."""
-        self._last = self._last_speed = None
+        """Add another motion."""
         self._speeds += other._speeds
         self._changes += other._changes
 

@@ -89,8 +89,7 @@ class StrandPhysics:
         self._drift += (momentum - self._first_momentum).norm().item()
 
     def merge(self, other: StrandPhysics) -> None:
-        """Add another motion, which drifts from its own first frame; no more frames can be added after it."""
-        self._last = self._first_momentum = None
+        """Add another motion, which drifts from its own first frame."""
         self._speeds.merge(other._speeds)
         self._largest += other._largest
         self._bending_change += other._bending_change
