@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from torch import Tensor, nn
 
 from dynhair.avatar.chunked import PointLayer, evaluate_chunked
@@ -85,18 +85,33 @@ class HairDeformer(PointNetwork):
         Args:
             window: normalised conditions of the frames ``t - T .. t``, oldest first.
         """
-        first, *rest = [PointLayer(layer.weight, layer.bias) for layer in self.mlp if isinstance(layer, nn.Linear)]
-        layers = [self._conditioned(first, self._embedding(window)), *rest]
-        at_knots = evaluate_chunked(self.code, layers, self.dtype).view(self.spline.shape[1], -1)
-        attenuated = (DISPLACEMENT_UNIT * self.root_attenuation)[:, None] * self.spline
-        return (attenuated @ at_knots).view(self.points, self.strands, 3).transpose(0, 1)
+        return self._displacements(self.code, self._embeddings(window[None])[0])
 
-    def _embedding(self, window: Float[Tensor, "t c"]) -> Float[Tensor, " hidden"]:
-        signal = positional_encoding(window, self.config.signal_frequencies)
+    def some(self, windows: Float[Tensor, "b t c"], chosen: Int64[Tensor, " s"]) -> Float[Tensor, "b s l 3"]:
+        """:meth:`forward` of some strands in several frames.
+
+        Args:
+            windows: one a frame.
+            chosen: indices of the strands.
+        """
+        code = self.code.view(-1, self.strands, self.code.shape[-1])[:, chosen].flatten(0, 1)
+        return torch.stack([self._displacements(code, embedding) for embedding in self._embeddings(windows)])
+
+    def _displacements(self, code: Float[Tensor, "k f"], embedding: Float[Tensor, " hidden"]) -> Float[Tensor, "n l 3"]:
+        """Of the strands whose knots' features are ``code``, knot by knot."""
+        first, *rest = [PointLayer(layer.weight, layer.bias) for layer in self.mlp if isinstance(layer, nn.Linear)]
+        layers = [self._conditioned(first, embedding), *rest]
+        at_knots = evaluate_chunked(code, layers, self.dtype).view(self.spline.shape[1], -1)
+        attenuated = (DISPLACEMENT_UNIT * self.root_attenuation)[:, None] * self.spline
+        return (attenuated @ at_knots).view(self.points, -1, 3).transpose(0, 1)
+
+    def _embeddings(self, windows: Float[Tensor, "b t c"]) -> Float[Tensor, "b hidden"]:
+        signals = positional_encoding(windows, self.config.signal_frequencies)
         if self.config.encoder == "mlp":
-            return self.window_mlp(signal.flatten())
-        _, (embedding, _) = self.lstm(signal[None], (self.h0, self.c0))
-        return embedding[0, 0]
+            return self.window_mlp(signals.flatten(1))
+        initial = self.h0.expand(-1, len(signals), -1), self.c0.expand(-1, len(signals), -1)
+        _, (embeddings, _) = self.lstm(signals, initial)
+        return embeddings[0]
 
     def _conditioned(self, first: PointLayer, embedding: Float[Tensor, " hidden"]) -> PointLayer:
         """The first layer under one embedding, which all points share: it folds into weights and bias."""

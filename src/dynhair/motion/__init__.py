@@ -1,13 +1,16 @@
 """Head motion: the signals that drive the hair."""
 
+from dynhair.motion.forces import HeadForces, head_forces
 from dynhair.motion.normalization import SignalNormalizer, signal_names
 from dynhair.motion.rotations import so3_exp, so3_log
 from dynhair.motion.signals import MotionSignals, motion_signals
 from dynhair.motion.windows import motion_window, motion_windows
 
 __all__ = [
+    "HeadForces",
     "MotionSignals",
     "SignalNormalizer",
+    "head_forces",
     "motion_signals",
     "motion_window",
     "motion_windows",
