@@ -34,6 +34,8 @@ LABELS: Mapping[str, str] = {
     "no-raised-perceptual": "w/o raised perceptual weight",
     "one-view": "1 view",
     "head-collision": "w/o body collision",
+    "no-reach": "w/o reach term",
+    "no-dynamics": "w/o dynamics term",
     HAIR: "Canonical hair",
 }
 
