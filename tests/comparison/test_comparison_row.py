@@ -125,13 +125,14 @@ def test_the_exit_status_says_how_it_went(
 
 def test_a_row_saves_once_its_standard_input_is_closed() -> None:
     code = (
-        "import sys, time\n"
+        "import signal, sys, time\n"
         "from dynhair.comparison import row\n"
         "def work(path, name):\n"
         "    print('at work', flush=True)\n"
         "    try: time.sleep(600)\n"
         "    except KeyboardInterrupt: print('saved', flush=True); raise\n"
         "row.make_row = work\n"
+        "signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a shell's background jobs do\n"
         "sys.exit(row.main('out', 'row'))\n"
     )
     process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)

@@ -88,13 +88,14 @@ def tuning_minutes(ours: Row) -> float:
 
 
 def hold_leash() -> None:
-    """Interrupt this process once its standard input is closed."""
+    """Interrupt this process once its standard input is closed, even if it was started to ignore Ctrl-C."""
 
     def wait() -> None:
         while os.read(0, 1):  # not sys.stdin, whose lock the end of the process would wait for
             pass
         os.kill(os.getpid(), signal.SIGINT)
 
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     threading.Thread(target=wait, daemon=True).start()
 
 
