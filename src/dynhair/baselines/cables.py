@@ -27,10 +27,14 @@ from dynhair.render.warp_runtime import warp
 CENTIMETRES = 100.0
 """In a metre."""
 
-STRETCH_STIFFNESS = 1e7  # mass units / s^2: strands of 40 cm stretch by far less than 1 %
-CONTACT_STIFFNESS = 1e6  # mass units / s^2: a whole strand rests on one contact 0.4 mm deep
+# Mass units / s^2: strands of 40 cm stretch by 1 % at most, and rest on one contact 0.4 mm deep. The solver does not
+# hold contacts against joints that are much stiffer: with 1e7 in place of 1e6 hair falls through the head.
+STRETCH_STIFFNESS = CONTACT_STIFFNESS = 1e6
 CONTACT_GAP = 0.4  # cm around a cable within which contacts are looked for, more than it moves in a step
 HAIR, HEAD = -1, 1  # collision groups: cables do not collide with each other, all collide with the head
+CALM_FRAMES = 5
+"""For so long hair must be slow to be at rest, and not at a turning point."""
+
 SETTLING_DRAG = 10.0
 """Drag, 1/s, while the hair falls into place; it changes the time that takes, and not the place."""
 
@@ -51,11 +55,15 @@ class CableParameters:
         drag: rate at which air slows the hair down, 1/s. A lone hair's Stokes drag is about 20/s; a wisp takes the air
             within it along.
         attraction: angular frequency at which a segment swings about its canonical place in the head frame, 1/s: the
-            hold of the hair around it. 0 for none.
+            hold of the hair around it, as Maya's "start curve attract" (0.6 in the paper). 0 for none. Without it the
+            hair collapses onto the head.
         friction: of hair on skin.
         contact_radius: metres; half the thickness of a wisp.
-        substeps: steps of the solver in a frame.
-        iterations: of the solver in a step.
+        step: longest time step of the solver, seconds; a frame has a whole number of them.
+        iterations: of the solver in a step. Few steps and iterations leave a cable softer than its material: with the
+            defaults a cable of 30 cm stretches by 1 % under its weight (3.7 % with steps twice as long), and one that
+            is held out horizontally hangs down as one of less than a tenth of its bending stiffness should (a quarter
+            with steps half as long). What is tuned is what the solver makes of the parameters.
     """
 
     density: float = 1320.0
@@ -63,10 +71,10 @@ class CableParameters:
     young: float = 3.9e9
     relaxation: float = 0.008
     drag: float = 2.0
-    attraction: float = 0.0
+    attraction: float = 5.0
     friction: float = 0.3
     contact_radius: float = 5e-4
-    substeps: int = 4
+    step: float = 1 / 240
     iterations: int = 5
 
     @property
@@ -128,7 +136,7 @@ class Cables:
         self._mass = self._model.body_mass.numpy()[self._chains[:, 1:], None]
 
     def simulate(
-        self, motions: Sequence[RigidMotion], *, settle: float = 3.0, at_rest: float = 0.02
+        self, motions: Sequence[RigidMotion], *, settle: float = 2.0, at_rest: float = 0.02
     ) -> Iterator[Float[np.ndarray, "n l 3"]]:
         """Yield the strands in every frame of a motion, world, metres.
 
@@ -143,13 +151,17 @@ class Cables:
         Raises:
             DynhairError: the simulation diverges.
         """
-        head, substeps = motions[0], self.parameters.substeps
+        head = motions[0]
+        substeps = math.ceil(1.0 / (head.fps * self.parameters.step) - 1e-6)
         self._step = 1.0 / (head.fps * substeps)
         self._place(motions)
+        calm = 0
         for _ in range(math.ceil(settle * head.fps)):
             for _ in range(substeps):
                 self._advance(motions, 0.0, SETTLING_DRAG)
-            if np.linalg.norm(self._velocity(), axis=-1).max() < at_rest * CENTIMETRES:
+            speed = np.linalg.norm(self._velocity(), axis=-1).max()
+            calm = calm + 1 if speed < at_rest * CENTIMETRES else 0
+            if calm == CALM_FRAMES:
                 break
         yield self._strands()
         for substep in range(substeps * (head.frames - 1)):

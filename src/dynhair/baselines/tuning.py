@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
+from rich.console import Console
 
 from dynhair.avatar import Avatar
 from dynhair.baselines.cables import CableParameters
@@ -23,11 +24,9 @@ from dynhair.storage import read_json, write_json
 from dynhair.training.frames import hair_mask, training_segments
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from dynhair.baselines.simulator import HeadSurface
 
-RANGES = {"young": (1e8, 1e11), "relaxation": (1e-3, 0.1), "drag": (0.3, 30.0), "attraction": (0.3, 30.0)}
+RANGES = {"young": (1e8, 1e12), "relaxation": (1e-3, 0.1), "drag": (0.3, 30.0), "attraction": (0.3, 30.0)}
 """What is tuned, and between which values; all are searched by their logarithms."""
 
 WIDEST, NARROWEST, WIDER, NARROWER = 0.3, 0.03, 1.5, 0.85
@@ -99,21 +98,19 @@ def tune(
         DynhairError: the trials at ``path`` are damaged.
     """
     trials = _read(path) if path.exists() else []
-    bars = None if console is None else StageProgress(console)
-    stage = None if bars is None else bars.stage("tuning, seconds", math.ceil(minutes * 60), int(_spent(trials)))
-    while _spent(trials) < minutes * 60:
-        parameters, began = proposed(trials, seed), time.monotonic()
-        try:
-            overlap = objective(parameters)
-        except DynhairError:  # it diverged
-            overlap = 0.0
-        trials.append(Trial(parameters, overlap, time.monotonic() - began))
-        write_json(path, {"trials": [dataclasses.asdict(trial) for trial in trials]})
-        if stage is not None:
-            stage.update(
-                min(int(_spent(trials)), math.ceil(minutes * 60)),
-                f"{len(trials)} tried, hair IoU {best(trials).overlap:.3f}",
-            )
+    total, progress = math.ceil(minutes * 60), StageProgress(console or Console(quiet=True))
+    with progress.shown():
+        stage = progress.stage("tuning, seconds", total, min(total, int(_spent(trials))))
+        while _spent(trials) < minutes * 60:
+            parameters, began = proposed(trials, seed), time.monotonic()
+            try:
+                overlap = objective(parameters)
+            except DynhairError:  # it diverged
+                overlap = 0.0
+            trials.append(Trial(parameters, overlap, time.monotonic() - began))
+            write_json(path, {"trials": [dataclasses.asdict(trial) for trial in trials]})
+            note = f"{len(trials)} tried, hair IoU {best(trials).overlap:.3f}"
+            stage.update(min(total, int(_spent(trials))), note)
     return best(trials).parameters
 
 
@@ -170,7 +167,7 @@ def _stepped(value: float, low: float, high: float, step: float) -> float:
 
 
 def _spent(trials: Sequence[Trial]) -> float:
-    return sum(trial.seconds for trial in trials)
+    return math.fsum(trial.seconds for trial in trials)
 
 
 def _read(path: Path) -> list[Trial]:
