@@ -108,6 +108,22 @@ def test_gaussians_of_triangles_that_are_not_there_are_refused(tmp_path: Path) -
         open_driven_head(tmp_path / "head")
 
 
+def test_a_folder_that_cannot_be_written_is_an_error_and_the_one_before_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    head = bound_gaussians()
+    head.save(tmp_path / "head")
+
+    def full_disk(*_arguments: object, **_named: object) -> None:
+        raise OSError("No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(safetensors.torch, "save_file", full_disk)
+        with pytest.raises(DynhairError, match="cannot be written"):
+            head.save(tmp_path / "head")
+    open_driven_head(tmp_path / "head")
+
+
 @both
 def test_other_expressions_are_refused(make: Callable[..., Any]) -> None:
     head = make()

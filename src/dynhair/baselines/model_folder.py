@@ -29,11 +29,21 @@ def save_model(model: nn.Module, path: Path | str, kind: str, description: Mappi
         path: the folder.
         kind: what it is.
         description: what else is needed to build a model that the tensors fit, as JSON values.
+
+    Raises:
+        DynhairError: it cannot be written.
     """
     tensors = {name: value.detach().cpu().contiguous() for name, value in model.state_dict().items()}
-    with atomic_folder(path) as folder:
-        write_json(folder / DESCRIPTION, {"kind": kind, "version": VERSION, **description})
-        safetensors.torch.save_file(tensors, folder / TENSORS)
+    try:
+        with atomic_folder(path) as folder:
+            write_json(folder / DESCRIPTION, {"kind": kind, "version": VERSION, **description})
+            safetensors.torch.save_file(tensors, folder / TENSORS)
+    except (OSError, safetensors.SafetensorError) as error:
+        raise DynhairError(
+            f"the head cannot be written ({error}); the checkpoint of a run has all of it",
+            path=path,
+            mend="free some space, and go on with the run by --resume",
+        ) from error
 
 
 def load_model(

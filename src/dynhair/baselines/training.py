@@ -34,7 +34,7 @@ def train_baseline(
         name: the method: ``gha`` and ``ga`` have no strands, ``simulator`` moves those of a trained avatar.
         capture: the capture's folder; never its ground truth.
         out: the run's folder, new or empty unless resumed.
-        config: sizes, iterations, weights, seed. A resumed run keeps its own.
+        config: sizes, iterations, weights, seed; the precision ``auto`` is float32. A resumed run keeps its own.
         avatar: the trained avatar's folder, whose hair and head ``simulator`` takes; the others need none.
         minutes: train no longer than this; the steps so far make the head.
         resume: go on with the run in ``out``.
