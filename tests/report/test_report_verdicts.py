@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from dynhair.report.scores import Scene
 from dynhair.report.verdicts import Verdicts, judge
 
 
-def verdicts(folder: Path, **figures: dict[str, list[float | None]]) -> Verdicts:
+def verdicts(folder: Path, **figures: Mapping[str, Sequence[float | None]]) -> Verdicts:
     """Judge methods by the values of their seeds."""
     rows = []
     for method, values in figures.items():
@@ -42,7 +43,7 @@ def test_ours_is_held_against_the_next_best(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("theirs", "beyond"), [([22.0, 23.0], True), ([21.0, 22.0], False)])
 def test_a_difference_counts_if_it_exceeds_both_spreads(tmp_path: Path, theirs: list[float], beyond: bool) -> None:
-    found = verdicts(tmp_path, ours={"psnr": [20.5, 21.5]}, gha={"psnr": [*theirs]})
+    found = verdicts(tmp_path, ours={"psnr": [20.5, 21.5]}, gha={"psnr": theirs})
     # both spreads are 0.71
     (finding,) = found.behind
     assert finding.beyond_spread is beyond
@@ -50,8 +51,8 @@ def test_a_difference_counts_if_it_exceeds_both_spreads(tmp_path: Path, theirs: 
 
 
 def test_scaled_figures_are_held_against_scaled_spreads(tmp_path: Path) -> None:
-    ours: dict[str, list[float | None]] = {"hair_velocity": [0.050, 0.052], "hair_velocity_truth": [0.08, 0.08]}
-    gha: dict[str, list[float | None]] = {"hair_velocity": [0.060, 0.062], "hair_velocity_truth": [0.08, 0.08]}
+    ours = {"hair_velocity": [0.050, 0.052], "hair_velocity_truth": [0.08, 0.08]}
+    gha = {"hair_velocity": [0.060, 0.062], "hair_velocity_truth": [0.08, 0.08]}
     (finding,) = verdicts(tmp_path, ours=ours, gha=gha).behind
     assert finding.beyond_spread is True
     assert "nearer to the truth is better; the truth has 80.0" in finding.sentence

@@ -91,8 +91,9 @@ def test_page_and_key_belong_together(tmp_path: Path) -> None:
 
 
 def test_the_same_clips_make_the_same_study(tmp_path: Path) -> None:
+    judged = pairs(tmp_path)
     for out in ("a", "b"):
-        write_study(pairs(tmp_path), tmp_path / out, BUDGET)
+        write_study(judged, tmp_path / out, BUDGET)
     keys = [(tmp_path / out / "user_study_key.json").read_text() for out in ("a", "b")]
     assert keys[0] == keys[1]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -91,11 +92,18 @@ def _panel(width: int, height: int, aspect: float, panel: int) -> tuple[int, int
     return None
 
 
-def write_clip(clip: Clip, out: Path) -> None:
-    """Write one panel as a video of its own."""
+def write_clip(clip: Clip, out: Path) -> str:
+    """Write one panel as a video of its own.
+
+    Returns:
+        A name for what is seen in it: that of its pixels, as encoders may write the same frames in other bytes.
+    """
+    seen = hashlib.sha256()
     with video_writer(out, clip.length()[1]) as append:
         for frame in clip.frames():
             append(frame)
+            seen.update(frame.tobytes())
+    return seen.hexdigest()[:12]
 
 
 def write_side_by_side(clips: Sequence[Clip], labels: Sequence[str], out: Path) -> None:

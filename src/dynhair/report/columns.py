@@ -194,5 +194,8 @@ LAYOUTS: dict[TableName, tuple[Layout, ...]] = {
 
 def figures_of(table: TableName) -> tuple[Column, ...]:
     """Each figure of a comparison's tables once, in their order."""
-    columns = {column.key: column for layout in reversed(LAYOUTS[table]) for column in reversed(layout.columns)}
-    return tuple(reversed(columns.values()))
+    columns: dict[str, Column] = {}
+    for layout in LAYOUTS[table]:
+        for column in layout.columns:
+            columns.setdefault(column.key, column)
+    return tuple(columns.values())

@@ -134,8 +134,7 @@ def _cut(pairs: Sequence[Pair], folder: Path) -> dict[Clip, Path]:
         for clip in (pair.truth_video, pair.our_video, pair.other_video):
             if clip not in files:
                 unnamed = folder / "clip.mp4"
-                write_clip(clip, unnamed)
-                name = hashlib.sha256(unnamed.read_bytes()).hexdigest()[:12]
+                name = write_clip(clip, unnamed)
                 files[clip] = unnamed.rename(folder / f"{name}.mp4")
     return files
 
