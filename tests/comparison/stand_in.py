@@ -66,9 +66,9 @@ def comparison_of(path: Path, *ablations: str, seeds: Sequence[int] = (0,)) -> C
     return comparison
 
 
-def work(comparison: Comparison, jobs: int = 2, memory: int = 1000) -> str:
+def work(comparison: Comparison, jobs: int = 2, memory: int = 1000, *, terminal: bool = False) -> str:
     """Make all rows that are left, each of which takes 100 bytes until it is measured; what was said."""
-    console = Console(file=io.StringIO(), width=200)
+    console = Console(file=io.StringIO(), width=200, force_terminal=terminal)
     estimates = MemoryEstimates(100)
     estimates.measure = lambda kind, memory: None  # real processes are larger than these budgets
     schedule = Schedule(tasks(comparison, comparison.rows), jobs, memory, estimates)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ from stand_in import order, stand_in, states
 
 import dynhair.report
 from dynhair.comparison.folder_lock import locked
-from dynhair.comparison.record import COMPARISON
+from dynhair.comparison.record import COMPARISON, Comparison
 from dynhair.comparison.run import run_ablation, run_comparison
 from dynhair.config import preset
 from dynhair.errors import DynhairError
@@ -112,6 +113,20 @@ def test_a_record_that_lags_behind_the_folders_is_brought_up_to_date(
     assert ablate(capture, out)
     assert set(states(out).values()) == {"done"}
     assert not list(out.glob("**/begun"))
+
+
+def test_a_row_whose_folder_is_deleted_is_made_again(capture: Path, tmp_path: Path, reports: list[Path]) -> None:
+    out = tmp_path / "out"
+    assert ablate(capture, out)
+    comparison = Comparison.read(out)
+    comparison.change("pose-seed0", seconds_trained=1e6)
+    comparison.write()
+    shutil.rmtree(out / "pose-seed0")
+    assert ablate(capture, out)
+    row = Comparison.read(out).rows["pose-seed0"]
+    assert row.state == "done"
+    assert row.seconds_trained is not None
+    assert row.seconds_trained < 1000
 
 
 def test_another_comparison_in_the_folder_is_refused_by_name(

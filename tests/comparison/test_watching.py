@@ -62,7 +62,7 @@ def test_what_an_earlier_process_said_is_no_progress(tmp_path: Path) -> None:
 def test_the_last_words_of_a_long_log_are_few(tmp_path: Path) -> None:
     log = tmp_path / "log"
     log.write_bytes(b"\xff" * 10_000 + b"\n" + "\n\n".join(f"line {n}" for n in range(5000)).encode())
-    assert last_words(log).splitlines() == [f"line {n}" for n in range(4994, 5000)]
+    assert last_words(log) == "line 4996 | line 4997 | line 4998 | line 4999"
     assert last_words(tmp_path / "none") == ""
 
 

@@ -117,3 +117,10 @@ def test_ctrl_c_lets_rows_save_and_the_same_again_goes_on(tmp_path: Path) -> Non
         order(comparison.path, name, "")
     work(comparison)
     assert set(states(comparison.path).values()) == {"done"}
+
+
+def test_a_terminal_shows_a_line_for_each_row(tmp_path: Path) -> None:
+    said = work(comparison_of(tmp_path / "out", "pose"), terminal=True)
+    assert "it/s" in said
+    assert "waiting" in said
+    assert "pose-seed0" in said

@@ -178,6 +178,8 @@ def _begun(asked: Comparison) -> Comparison:
     for name, row in list(comparison.rows.items()):  # folders are right where a kill came before the record
         if done(comparison, row):
             comparison.change(name, state="done", error=None)
+        elif not comparison.folder(name).exists():
+            comparison.change(name, state="pending", error=None, seconds_trained=0.0, peak_memory=None)
         elif row.state == "done" or name in asked.rows:
             comparison.change(name, state="pending", error=None)
     comparison.write()

@@ -13,7 +13,7 @@ from rich.table import Table
 from dynhair.comparison.record import Row
 
 _TAIL = 8192  # bytes
-_LINES_OF_ERROR, _LENGTH_OF_ERROR = 6, 800
+_LINES_OF_ERROR, _LENGTH_OF_ERROR = 4, 800
 _PROGRESS = re.compile(r"^(.+?): (\d+) of (\d+), (\d+) s, (\d+) s left, (.*)$")
 _SPEED = re.compile(r"([\d.]+) it/s")
 
@@ -60,9 +60,9 @@ def last_step(log: Path, since: float = 0.0) -> Step | None:
 
 
 def last_words(log: Path) -> str:
-    """The last lines of a log: why it ended."""
-    said = [line.rstrip() for line in _last_lines(log) if line.strip()]
-    return "\n".join(said[-_LINES_OF_ERROR:])[-_LENGTH_OF_ERROR:]
+    """The last lines of a log, in one: why it ended."""
+    said = [line.strip() for line in _last_lines(log) if line.strip()]
+    return " | ".join(said[-_LINES_OF_ERROR:])[-_LENGTH_OF_ERROR:]
 
 
 def _last_lines(log: Path) -> list[str]:

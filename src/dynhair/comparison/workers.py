@@ -220,4 +220,4 @@ def _reason(status: int, log: Path) -> str:
         return "it ended without an evaluation"
     how = f"killed by signal {-status}" if status < 0 else f"exit status {status}"
     hint = ", which is what Linux does to processes when memory runs out" if status == -9 else ""
-    return f"{how}{hint}; {log.name} ends with:\n{last_words(log)}"
+    return f"{how}{hint}; {log.name} ends with: {last_words(log)}"

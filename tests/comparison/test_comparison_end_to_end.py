@@ -1,4 +1,4 @@
-"""A whole ablation of two rows: trained, measured and reported in processes of their own."""
+"""A whole ablation and a whole comparison: trained, measured and reported in processes of their own."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from dynhair.comparison.record import Comparison
-from dynhair.comparison.run import run_ablation
+from dynhair.comparison.run import run_ablation, run_comparison
 from dynhair.config import PRESETS, Config, DeformerConfig, HairConfig, HeadConfig, StaticConfig, TrainingConfig
 from dynhair.storage import read_json
 from synthetic import write_synthetic_capture
@@ -75,3 +75,28 @@ def test_two_rows_are_trained_alike_and_measured(tmp_path: Path, monkeypatch: py
     before = (full / "avatar" / "avatar.safetensors").stat().st_mtime_ns
     assert ablate()
     assert (full / "avatar" / "avatar.safetensors").stat().st_mtime_ns == before
+
+
+@pytest.mark.slow
+def test_methods_without_strands_are_trained_and_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(PRESETS, "tiny", CONFIG)  # pyright: ignore[reportArgumentType]
+    capture = write_synthetic_capture(tmp_path / "capture", frames=4, views=2, size=32)
+    out, console = tmp_path / "out", Console(file=io.StringIO(), width=200)
+    succeeded = run_comparison(
+        capture,
+        out,
+        preset="tiny",
+        iterations=4,
+        methods=["gha", "ga"],
+        jobs=2,
+        memory=16.0,
+        console=console,
+        command=without_downloads,
+    )
+    comparison = Comparison.read(out)
+    assert succeeded, [row.error for row in comparison.rows.values()]
+    for method in ("gha", "ga"):
+        folder = comparison.folder(f"{method}-seed0")
+        assert read_json(folder / "avatar" / "avatar.json")["kind"] == f"dynhair {method} baseline"
+        assert read_json(folder / "evaluation" / "metrics.json")["psnr"] > 0
+    assert (out / "report" / "index.html").exists()
