@@ -9,7 +9,6 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from dynhair.camera import Camera
-from dynhair.capture import Segment
 from dynhair.evaluation.definitions import (
     MOTION,
     PENETRATION_FIGURES,
@@ -55,26 +54,27 @@ class MotionMeter:
     """Adds a segment's frames, from its first, and hands over sums when it is done.
 
     Args:
-        segment: whose frames are added; all of them, if it is of the test.
         fps: frames per second.
         rest: the method's hair at rest.
         truth: the segment's true motion; None where nothing is held against the hair.
         stop: at which the head suddenly rests; None where it does not.
         sums: of the segment.
         series: of the segment.
+        consecutive: whether all frames of the segment will be added.
     """
 
     def __init__(
         self,
-        segment: Segment,
         fps: float,
         rest: RestingHair,
         truth: TrueMotion | None,
         stop: Stop | None,
         sums: FigureSums,
         series: Series,
+        *,
+        consecutive: bool,
     ) -> None:
-        self._segment, self._fps, self._rest = segment, fps, rest
+        self._fps, self._rest, self._consecutive = fps, rest, consecutive
         self._truth, self._stop, self._sums, self._series = truth, stop, sums, series
         self._physics, self._speed, self._tips = StrandPhysics(fps), HairSpeed(fps), TipMotion(fps)
         self._penetration = Penetration()
@@ -109,9 +109,8 @@ class MotionMeter:
             obstacle: head and body in the head's frame; None where they are not known.
         """
         self._frames += 1
-        consecutive = self._segment.split == "test"
         if hair.strands is None:
-            if consecutive and hair.points is not None and self._point_sample is not None:
+            if self._consecutive and hair.points is not None and self._point_sample is not None:
                 self._speed.add(self._point_sample(hair.points))
             return
         assert self._strand_sample is not None
@@ -122,7 +121,7 @@ class MotionMeter:
             self._penetration.add(chosen.float(), obstacle)
             self._met += 1
         tips = self._add_error(index, hair.strands)
-        if consecutive:
+        if self._consecutive:
             self._physics.add(chosen)
             self._speed.add(chosen.flatten(0, 1))
             self._tips.add(tips)
@@ -131,7 +130,7 @@ class MotionMeter:
         """Hand over what was measured, and say what was not."""
         sums, truth, pairs = self._sums, self._truth, max(self._frames - 1, 0)
         self._explain()
-        if self._segment.split == "test":
+        if self._consecutive:
             sums.pool(PHYSICS_FIGURES, self._physics, StrandPhysics.figures, pairs)
             sums.pool(SPEED_FIGURES, self._speed, HairSpeed.figures, pairs)
             if truth is not None and truth.strands is not None:
@@ -181,7 +180,7 @@ class MotionMeter:
         settles = "the hair does not move, or does not settle, after the stop"
         no_stop = "the head does not stop suddenly and rest"
         sums.explain(settles if self._stop is not None else no_stop, "settling_s", "settling_s_truth")
-        if self._segment.split == "train":
+        if not self._consecutive:
             sums.explain(
                 NOT_CONSECUTIVE, *SPEED_FIGURES, *PHYSICS_FIGURES, *TRUTH_FIGURES, "phase_lag_ms", "settling_s"
             )

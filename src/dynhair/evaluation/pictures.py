@@ -29,6 +29,18 @@ def enlarged_picture(image: Float[Tensor, "h w 3"], side: int) -> Picture:
     return np.asarray(Image.fromarray(_rounded(image)).resize((side, side), Image.Resampling.LANCZOS))
 
 
+def fitted(shown: Picture, size: tuple[int, ...]) -> Picture:
+    """Scale a picture to fit into a size (rows, columns), centred on black."""
+    rows, columns = size
+    scale = min(rows / shown.shape[0], columns / shown.shape[1])
+    height, width = (max(1, round(scale * side)) for side in shown.shape[:2])
+    whole = np.zeros((rows, columns, 3), np.uint8)
+    top, left = (rows - height) // 2, (columns - width) // 2
+    inside = Image.fromarray(shown).resize((width, height), Image.Resampling.LANCZOS)
+    whole[top : top + height, left : left + width] = np.asarray(inside)
+    return whole
+
+
 def error_picture(image: Float[Tensor, "h w 3"], truth: Float[Tensor, "h w 3"]) -> Picture:
     """Colour the mean absolute error of a pixel's channels: black at 0, brightest from `LARGEST_ERROR`."""
     error = (image - truth).abs().mean(dim=-1).double().cpu().numpy()

@@ -12,8 +12,8 @@ from PIL import Image
 
 from dynhair.capture import Capture, Segment
 from dynhair.evaluation.face import frontality
-from dynhair.evaluation.pictures import error_picture, picture
-from dynhair.evaluation.records import EvaluatedFrame
+from dynhair.evaluation.pictures import error_picture, fitted, picture
+from dynhair.evaluation.records import EvaluatedFrame, ReenactedFrame
 from dynhair.evaluation.video import video_writer
 from dynhair.pictures import Picture, grid
 from dynhair.storage import atomic_file
@@ -89,6 +89,45 @@ class Recorder:
             path = self._out / "contact_sheet.png"
             _write_sheet(path, self._columns)
             self.written.append(path)
+
+
+class ReenactmentRecorder:
+    """Observes a cross-reenactment: a video of each segment, the avatar beside its driver; a context manager.
+
+    Attributes:
+        written: the files that are complete.
+
+    Args:
+        driver: the other person's capture.
+        out: folder of the videos.
+    """
+
+    def __init__(self, driver: Capture, out: Path) -> None:
+        self.written: list[Path] = []
+        self._fps, self._out = driver.fps, out
+        self._video = ExitStack()
+        self._append: Callable[[Picture], None] | None = None
+
+    def __call__(self, frame: ReenactedFrame) -> None:
+        """Append a frame to its segment's video."""
+        path = self._out / f"cross_{frame.segment.name}.mp4"
+        if self._append is None:
+            self._append = self._video.enter_context(video_writer(path, self._fps))
+        avatar = picture(frame.avatar)
+        self._append(grid([[fitted(picture(frame.driver), avatar.shape[:2]), avatar]], [""], ["driver", "avatar"]))
+        if frame.index == frame.segment.count - 1:
+            self._video.close()
+            self._append = None
+            self.written.append(path)
+
+    def __enter__(self) -> ReenactmentRecorder:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Discard an unfinished video."""
+        self._video.__exit__(kind, error, traceback)
 
 
 def _write_sheet(path: Path, columns: list[tuple[str, list[Picture]]]) -> None:

@@ -37,6 +37,23 @@ class EvaluatedFrame:
 
 
 @dataclass(frozen=True)
+class ReenactedFrame:
+    """One frame, each head seen by the camera that looks it most squarely in the face at rest.
+
+    Attributes:
+        segment: of the driver.
+        index: the frame's place in it.
+        driver: its image, in [0, 1].
+        avatar: that of the avatar, by one of its own cameras.
+    """
+
+    segment: Segment
+    index: int
+    driver: Float[Tensor, "h w 3"]
+    avatar: Float[Tensor, "y x 3"]
+
+
+@dataclass(frozen=True)
 class SegmentFigures:
     """The figures of one segment.
 

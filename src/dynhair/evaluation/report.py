@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from dynhair.evaluation.definitions import DEFINITIONS
 from dynhair.evaluation.figures import Figures
 from dynhair.evaluation.hairstyle import HairstyleEvaluation, HairstyleScores
 from dynhair.evaluation.records import Evaluation, SegmentFigures
@@ -33,20 +34,53 @@ HEAD_COLUMNS = {
     "torso_motion": ("torso\nmotion", 2),
     "torso_motion_truth": ("truth\ntorso", 2),
 }
+
+LOOK_COLUMNS = {
+    "lpips_vgg": ("LPIPS\nVGG", 3),
+    "fid": ("FID", 1),
+    "flip": ("FLIP", 3),
+    "hair_lpips": ("hair\nLPIPS", 3),
+    "hair_lpips_vgg": ("hair\nVGG", 3),
+    "hair_fid": ("hair\nFID", 1),
+    "tip_error_mm": ("tips\nmm", 1),
+    "phase_lag_ms": ("lag\nms", 0),
+}
+MOTION_COLUMNS = {
+    "hair_velocity": ("vel.\nm/s", 3),
+    "hair_acceleration": ("acc.\nm/s2", 2),
+    "ver": ("VER", 1),
+    "cts": ("CTS\nmm", 3),
+    "p95_disp": ("P95\nmm", 1),
+    "amd": ("AMD", 1),
+    "settling_s": ("settl.\ns", 2),
+    "penetration_rate": ("inside\n%", 2),
+    "stretch": ("stretch\n%", 2),
+}
 """Headings and decimals."""
+
+FACTORS = {"cts": 1e3, "p95_disp": 1e3, "penetration_rate": 100.0, "stretch": 100.0}
+"""By which figures are multiplied, for the units of their headings."""
 
 ALL_TEST_SEGMENTS = "all test"
 
 
 def evaluation_table(evaluation: Evaluation) -> Group:
-    """Tabulate all segments, and the head in those of the test, and say why figures are missing.
+    """Tabulate all segments, head, looks and motion in those of the test, and say why figures are missing.
 
     The rigid hair is beneath the moving one, of a method that has both.
     """
     tests = [part for part in evaluation.segments if part.segment.split == "test"]
     whole = _table("segment", COLUMNS, evaluation.segments, evaluation)
     head = _table("head", HEAD_COLUMNS, tests, evaluation)
-    return Group(whole, "", head, *_notes(evaluation))
+    looks = _table("hair, networks", LOOK_COLUMNS, tests, evaluation)
+    motion = _table("motion", MOTION_COLUMNS, tests, evaluation, truth=True)
+    return Group(whole, "", head, "", looks, "", motion, *_notes(evaluation))
+
+
+def reenactment_table(evaluation: Evaluation) -> Group:
+    """Tabulate the motion of hair that another person drives."""
+    table = _table("cross-reenactment", MOTION_COLUMNS, evaluation.segments, evaluation)
+    return Group(table, *_notes(evaluation, of=MOTION_COLUMNS))
 
 
 def hairstyle_table(evaluation: HairstyleEvaluation) -> Group:
@@ -87,20 +121,35 @@ def format_figure(value: float | None, decimals: int) -> str:
 
 
 def _table(
-    title: str, columns: Mapping[str, tuple[str, int]], parts: Sequence[SegmentFigures], evaluation: Evaluation
+    title: str,
+    columns: Mapping[str, tuple[str, int]],
+    parts: Sequence[SegmentFigures],
+    evaluation: Evaluation,
+    *,
+    truth: bool = False,
 ) -> Table:
+    """A row for each part and its rigid twin, and with ``truth`` one for the truth's own figures."""
     table = Table(box=None, pad_edge=False, collapse_padding=True, header_style="bold")
     table.add_column(title, no_wrap=True)
     table.add_column("hair", no_wrap=True)
     for heading, _ in columns.values():
         table.add_column(heading, justify="right", no_wrap=True)
 
+    def cells(figures: Figures, suffix: str = "") -> list[str]:
+        values = {key: figures.values.get(key + suffix) for key in columns}
+        scaled = {key: None if value is None else FACTORS.get(key, 1.0) * value for key, value in values.items()}
+        return [
+            "" if key + suffix not in figures.values else format_figure(scaled[key], decimals)
+            for key, (_, decimals) in columns.items()
+        ]
+
     def add_rows(label: str, avatar: Figures, rigid: Figures | None, style: str = "") -> None:
         for name, hair, figures in ((label, "moving", avatar), ("", "rigid", rigid)):
             if figures is None:
                 continue
-            cells = [format_figure(figures.values[key], decimals) for key, (_, decimals) in columns.items()]
-            table.add_row(name, hair, *cells, style=style if figures is avatar else "dim")
+            table.add_row(name, hair, *cells(figures), style=style if figures is avatar else "dim")
+        if truth:
+            table.add_row("", "truth", *cells(avatar, "_truth"), style="dim")
 
     for part in parts:
         add_rows(f"{part.segment.name} ({part.segment.split})", part.avatar, part.rigid)
@@ -108,12 +157,12 @@ def _table(
     return table
 
 
-def _notes(evaluation: Evaluation) -> list[Text]:
-    """Write a line for each reason why figures are missing, with the figures and segments that it holds for."""
+def _notes(evaluation: Evaluation, of: Collection[str] = DEFINITIONS) -> list[Text]:
+    """Write a line for each reason why any of these figures is missing, with the figures and segments concerned."""
     parts = [(part.segment.name, part.avatar) for part in evaluation.segments]
     missing: dict[str, tuple[dict[str, None], dict[str, None]]] = {}  # ordered sets of figures and segments
     for segment, figures in [*parts, (ALL_TEST_SEGMENTS, evaluation.avatar)]:
-        for name, reason in figures.reasons.items():
+        for name, reason in ((name, reason) for name, reason in figures.reasons.items() if name in of):
             names, segments = missing.setdefault(reason, ({}, {}))
             names[name] = segments[segment] = None
     return [

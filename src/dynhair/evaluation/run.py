@@ -19,12 +19,14 @@ from dynhair.capture import Capture
 from dynhair.errors import DynhairError
 from dynhair.evaluation.expressions import ExpressionSheet
 from dynhair.evaluation.hairstyle import HairstyleEvaluation, evaluate_hairstyles
-from dynhair.evaluation.held_out import HeldOutViews, held_out_views
+from dynhair.evaluation.held_out import HeldOutViews, held_out_views, same_folder
 from dynhair.evaluation.pictures import picture
 from dynhair.evaluation.protocol import DrivenHead, evaluate_avatar, evaluated_indices
-from dynhair.evaluation.recorder import Recorder
+from dynhair.evaluation.recorder import Recorder, ReenactmentRecorder
 from dynhair.evaluation.records import EvaluatedFrame, Evaluation
-from dynhair.evaluation.report import evaluation_table, hairstyle_table
+from dynhair.evaluation.reenactment import reenact
+from dynhair.evaluation.report import evaluation_table, hairstyle_table, reenactment_table
+from dynhair.evaluation.retargeting import another_person
 from dynhair.evaluation.series import write_series
 from dynhair.evaluation.video import video_writer
 from dynhair.storage import write_json
@@ -58,13 +60,15 @@ def run_evaluation(
 ) -> RunEvaluation:
     """Evaluate an avatar, or what a run has so far, against a capture; print tables, and write figures and pictures.
 
-    Of a run whose static stage alone is done, the hair at rest is evaluated.
+    Of a run whose static stage alone is done, the hair at rest is evaluated. A capture of another person than the run's
+    drives the avatar, before the run's own cameras; then no image is true, and only how the hair moves is measured.
 
     Args:
         path: the avatar's folder, or the run's.
         capture_path: the capture's folder.
         out: folder for ``metrics.json`` and, of an avatar, ``series.npz``, ``test_<segment>.mp4``,
-            ``contact_sheet.png`` and, where expressions vary, ``expressions.png``.
+            ``contact_sheet.png`` and, where expressions vary, ``expressions.png``; or ``cross_<segment>.mp4`` of an
+            avatar that another person drives.
         device: where the avatar is posed and rendered.
         console: where progress and tables go; standard output when left out.
 
@@ -79,8 +83,11 @@ def run_evaluation(
     motion, written = None, []
     if avatar_folder(path).exists() or not hairstyles:
         avatar = open_driven_head(path, device)
-        own = getattr(avatar, "canonical_strands", None)
-        hairstyles = hairstyles or ({} if own is None else {"canonical": own})
+        own = _own_capture(run, capture)
+        if own is not None and another_person(own, capture):
+            return RunEvaluation(_reenact(avatar, own, capture, figures, out, console), None)
+        own_hair = getattr(avatar, "canonical_strands", None)
+        hairstyles = hairstyles or ({} if own_hair is None else {"canonical": own_hair})
         motion, written = _evaluate_motion(avatar, capture, held_out_views(run, capture), out, console)
         figures.update(motion.to_json())
         console.print(evaluation_table(motion))
@@ -99,6 +106,32 @@ def run_evaluation(
     for file in (out / METRICS, *written):
         console.print(f"wrote {file}", highlight=False, soft_wrap=True)
     return RunEvaluation(motion, hairstyle)
+
+
+def _own_capture(run: Run | None, capture: Capture) -> Capture | None:
+    """The capture that the avatar was trained on, if it is known, still there, and another than this."""
+    if run is None or same_folder(run.capture, capture.path) or not run.capture.is_dir():
+        return None
+    return Capture.open(run.capture, cache_bytes=0)
+
+
+def _reenact(
+    avatar: DrivenHead, own: Capture, driver: Capture, figures: dict[str, Any], out: Path, console: Console
+) -> Evaluation:
+    """Drive the avatar by another person's capture, and print and write what can then be measured."""
+    with console.status("driving the avatar by another person"), large_pieces():
+        with ReenactmentRecorder(driver, out) as recorder:
+            evaluation = reenact(avatar, own, driver, observe=recorder)
+        write_series(out / SERIES_FILE, {part.segment.name: part.series for part in evaluation.segments})
+    why = {"hairstyle": {"reason": "the capture shows another person"}}
+    write_json(out / METRICS, {**figures, **evaluation.to_json(), **why})
+    console.print(reenactment_table(evaluation))
+    console.print(
+        Text(f"{evaluation.protocol['drive']}; expressions: {evaluation.protocol['expressions']}", style="dim")
+    )
+    for file in (out / METRICS, out / SERIES_FILE, *recorder.written):
+        console.print(f"wrote {file}", highlight=False, soft_wrap=True)
+    return evaluation
 
 
 def _run_of(path: Path) -> Run | None:

@@ -102,10 +102,9 @@ class SegmentMeter:
         self._images = Meter(sums, self.series, truths.heads)
         self._looks = LooksMeter(truths.looks, sums)
         self._appearance = AppearanceMeter(truths.appearance, sums)
-        self._motion = MotionMeter(
-            truths.segment, truths.capture.fps, truths.rest, truths.motion, truths.motion.stop, sums, self.series
-        )
-        if truths.segment.split == "train":
+        test, fps, motion = truths.segment.split == "test", truths.capture.fps, truths.motion
+        self._motion = MotionMeter(fps, truths.rest, motion, motion.stop, sums, self.series, consecutive=test)
+        if not test:
             sums.explain(NOT_CONSECUTIVE, *TEMPORAL_FIGURES)
 
     def add(self, truth: Truth, drawn: Drawn, posed: Any) -> None:
