@@ -127,7 +127,8 @@ class Cables:
         self.parameters, self._newton = parameters, _newton()
         builder = self._newton.ModelBuilder(gravity=tuple(float(g) * CENTIMETRES for g in gravity))
         self._chains = np.array([self._add_chain(builder, strand) for strand in rest * CENTIMETRES])
-        self._parts = np.array([self._add_part(builder, part) for part in parts], dtype=int)
+        # Newton takes a mesh without faces, and crashes when it is looked for.
+        self._parts = {place: self._add_part(builder, part) for place, part in enumerate(parts) if len(part.faces)}
         builder.color(balance_colors=False)
         # Chains that are driven by their first segment are no articulations, and the solver needs none.
         self._model = builder.finalize(device="cpu", skip_validation_joints=True)
@@ -213,7 +214,7 @@ class Cables:
 
     def _place(self, motions: Sequence[RigidMotion]) -> None:
         """Begin anew, everything at rest in the first frame's pose."""
-        self._pipeline = self._newton.CollisionPipeline(self._model) if len(self._parts) else None
+        self._pipeline = self._newton.CollisionPipeline(self._model) if self._parts else None
         self._contacts = self._pipeline.contacts() if self._pipeline else None
         self._solver = self._newton.solvers.SolverVBD(self._model, iterations=self.parameters.iterations)
         self._state, self._next = self._model.state(), self._model.state()
@@ -225,8 +226,8 @@ class Cables:
         hair, roots = self._chains[:, 1:], self._chains[:, 0]
         goals = _moved(motions[0], time, self._home[self._chains])
         places[roots] = goals[:, 0]
-        for body, motion in zip(self._parts, motions, strict=False):
-            places[body] = _moved(motion, time, self._home[body])
+        for place, body in self._parts.items():
+            places[body] = _moved(motions[place], time, self._home[body])
         pull = self.parameters.attraction**2 * (goals[:, 1:, :3] - places[hair, :3])
         forces[hair, :3] = self._mass * (pull - drag * self._velocity())
         if self._pipeline is not None:
@@ -246,8 +247,8 @@ class Cables:
         axes = Rotation.from_quat(places[..., 3:].reshape(-1, 4)).apply([0.0, 0.0, 1.0]).reshape(*places.shape[:2], 3)
         reach = self._half[..., None] * axes
         begins, ends = places[..., :3] - reach, places[..., :3] + reach
-        joints = (ends[:, :-1] + begins[:, 1:]) / 2
-        return np.concatenate([begins[:, :1], joints, ends[:, -1:]], axis=1) / CENTIMETRES
+        joints = (ends[:, 1:-1] + begins[:, 2:]) / 2
+        return np.concatenate([begins[:, :1], ends[:, :1], joints, ends[:, -1:]], axis=1) / CENTIMETRES
 
 
 def _moved(motion: RigidMotion, time: float, places: Float[np.ndarray, "*b 7"]) -> Float[np.ndarray, "*b 7"]:
