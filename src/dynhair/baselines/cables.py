@@ -55,13 +55,12 @@ class CableParameters:
         drag: rate at which air slows the hair down, 1/s. A lone hair's Stokes drag is about 20/s; a wisp takes the air
             within it along.
         attraction: angular frequency at which a segment swings about its canonical place in the head frame, 1/s: the
-            hold of the hair around it, as Maya's "start curve attract" (0.6 in the paper). 0 for none. Without it the
-            hair collapses onto the head.
+            hold of the hair around it, as Maya's "start curve attract" (0.6 in the paper). 0 for none.
         friction: of hair on skin.
         contact_radius: metres; half the thickness of a wisp.
         step: longest time step of the solver, seconds; a frame has a whole number of them.
         iterations: of the solver in a step. Few steps and iterations leave a cable softer than its material: with the
-            defaults a cable of 30 cm stretches by 1 % under its weight (3.7 % with steps twice as long), and one that
+            defaults a cable of 30 cm stretches by 1 to 2 % under its weight (4 % with steps twice as long), and one that
             is held out horizontally hangs down as one of less than a tenth of its bending stiffness should (a quarter
             with steps half as long). What is tuned is what the solver makes of the parameters.
     """
