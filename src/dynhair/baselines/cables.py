@@ -60,9 +60,9 @@ class CableParameters:
         contact_radius: metres; half the thickness of a wisp.
         step: longest time step of the solver, seconds; a frame has a whole number of them.
         iterations: of the solver in a step. Few steps and iterations leave a cable softer than its material: with the
-            defaults a cable of 30 cm stretches by 1 to 2 % under its weight (4 % with steps twice as long), and one that
-            is held out horizontally hangs down as one of less than a tenth of its bending stiffness should (a quarter
-            with steps half as long). What is tuned is what the solver makes of the parameters.
+            defaults a cable of 30 cm stretches by 1 to 2 % under its weight (4 % with steps twice as long), and one
+            that is held out horizontally hangs as if it had less than a tenth of its bending stiffness (a quarter with
+            steps a half as long). What is tuned is what the solver makes of the parameters.
     """
 
     density: float = 1320.0
