@@ -179,6 +179,7 @@ def test_without_a_network_its_figures_say_why() -> None:
     assert all(evaluation.avatar.values[name] is None for name in names)
     assert all(rigid_twin(part).reasons["lpips"] == "no connection" for part in evaluation.segments)
     assert {evaluation.avatar.reasons[name] for name in FID_FIGURES} == {"no disk"}
+    assert "rigid twin" in rigid_twin(evaluation).reasons["fid"]
     assert evaluation.protocol["networks"] == "no connection; no connection; no disk"
 
 

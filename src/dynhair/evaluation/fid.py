@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
-FID_IMAGES = 64
+FID_IMAGES = 24
 """Images of a test segment that are seen, spread over its frames and views: an image takes the network as long as seven
 take AlexNet."""
 

@@ -21,7 +21,7 @@ from dynhair.losses.perceptual import NetworkName
 PERCEPTION_STRIDE = 6
 """Of the frames that are evaluated, LPIPS is taken of one in this many: the network takes as long as all else."""
 
-VGG_IMAGES = 16
+VGG_IMAGES = 8
 """Images of a test segment of which LPIPS is taken with VGG16, spread over its frames and views: that network takes 19
 times as long as AlexNet."""
 

@@ -147,7 +147,7 @@ class _Session:
         """Measure one segment: the avatar, and its rigid twin if it has one."""
         places = evaluated_indices(segment)
         truths = SegmentTruths(self.capture, segment, len(places), self.rest, self.appearance, self.watch)
-        meters = [SegmentMeter(truths, sums) for sums in self.sums()]
+        meters = [SegmentMeter(truths, sums, twin=twin) for sums, twin in zip(self.sums(), self.twins, strict=True)]
         for frame in true_frames(self.capture, segment, places):
             truth, images = truths.frame(frame), []
             for meter, rigid_hair in zip(meters, self.twins, strict=True):

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from torch import Tensor
 
 from dynhair.camera import Camera
 from dynhair.capture import Capture, HeadTrack, Segment
-from dynhair.evaluation.appearance import Appearance, AppearanceMeter, AppearanceTruths, TrueAppearance
+from dynhair.evaluation.appearance import VGG_FIGURES, Appearance, AppearanceMeter, AppearanceTruths, TrueAppearance
 from dynhair.evaluation.cost import Stopwatch
 from dynhair.evaluation.definitions import FID_FIGURES, MOTION_FIGURES, TEMPORAL_FIGURES
 from dynhair.evaluation.fid import FidSums
@@ -24,6 +24,9 @@ from dynhair.evaluation.series import Series
 from dynhair.evaluation.true_motion import HeadObstacle, RestingHair, TrueMotion, in_head
 from dynhair.evaluation.truth import TrueFrame
 from dynhair.strands import MeshDistance
+
+LARGE_NETWORKS = (*VGG_FIGURES, *FID_FIGURES)
+"""The figures by networks that take longer than all else."""
 
 
 @dataclass(frozen=True)
@@ -94,11 +97,12 @@ class SegmentMeter:
     Args:
         truths: what it is held against.
         sums: of the segment.
+        twin: whether it is the rigid twin, which the larger networks do not look at.
     """
 
-    def __init__(self, truths: SegmentTruths, sums: FigureSums) -> None:
+    def __init__(self, truths: SegmentTruths, sums: FigureSums, *, twin: bool) -> None:
         self.sums, self.series = sums, Series(truths.segment, truths.capture.fps)
-        self._truths = truths
+        self._truths, self._twin = truths, twin
         self._images = Meter(sums, self.series, truths.heads)
         self._looks = LooksMeter(truths.looks, sums)
         self._appearance = AppearanceMeter(truths.appearance, sums)
@@ -118,7 +122,7 @@ class SegmentMeter:
         watch, index = self._truths.watch, truth.frame.index
         with watch.part("networks"):
             self._looks.add(truth.look, drawn.rgb)
-            self._appearance.add(truth.appearance, drawn.rgb)
+            self._appearance.add(self._looked_at(truth.appearance), drawn.rgb)
         with watch.part("figures"):
             self._images.add(truth.frame, truth.head, drawn)
             if posed.strands is None and index == 0:
@@ -131,9 +135,17 @@ class SegmentMeter:
             self._motion.finish()
             for name, fid in self._appearance.fids.items():
                 self.sums.pool((name,), fid, _distance, fid.samples)
+        if self._twin:
+            self.sums.explain("it is taken of the avatar alone, not of its rigid twin", *LARGE_NETWORKS)
         if self.sums.held_out is not None:
             self.sums.held_out.explain("it is of no view", *MOTION_FIGURES)
             self.sums.held_out.explain("it is of all views together", *FID_FIGURES)
+
+    def _looked_at(self, truth: TrueAppearance) -> TrueAppearance:
+        """What this head is looked at for in a frame."""
+        if not self._twin:
+            return truth
+        return replace(truth, looks={name: look for name, look in truth.looks.items() if name not in LARGE_NETWORKS})
 
 
 def _distance(fid: FidSums) -> tuple[float]:
