@@ -33,6 +33,7 @@ def made_row(
     protocol: Mapping[str, str] | None = None,
     segments: Sequence[str] = ("nod",),
     videos: bool = False,
+    held_out: Mapping[str, float | None] | None = None,
 ) -> dict[str, Any]:
     """Write a row's evaluation and give its entry in ``comparison.json``."""
     name = f"{method}-seed{seed}"
@@ -48,6 +49,7 @@ def made_row(
                 "turn": {"split": "train"},
                 **{segment: {"split": "test", **figures} for segment in segments},
             },
+            "held_out_views": {"views": [], "reason": "none"} if held_out is None else {"views": ["side"], **held_out},
             "cost": {"frames": 8, "views": 1, "seconds": 4.0, "seconds_per_100_frames_and_view": 50.0},
             "protocol": said,
             "definitions": {"psnr": "dB, -10 log10(MSE)"},

@@ -204,6 +204,18 @@ def test_differences_of_protocol_are_named_by_method(tmp_path: Path) -> None:
     assert "dB, -10 log10(MSE)" in text
 
 
+def test_views_held_out_have_a_table_of_their_own(tmp_path: Path) -> None:
+    rows = [
+        made_row(tmp_path / "c", method, {"psnr": psnr}, held_out={"psnr": psnr - 5.0})
+        for method, psnr in (("ours", 20.0), ("gha", 21.0))
+    ]
+    text = report([made_comparison(tmp_path / "c", rows)], tmp_path / "out").text
+    assert "16.00" in text[text.index("Over the views that training held out: long") :]
+    assert "GHA 21.00 dB is better by 1.00 dB" in text
+    table = (tmp_path / "out" / "tables" / "baselines_table1_long-views-held-out.csv").read_text()
+    assert "GHA,1,done,16.0," in table
+
+
 def test_no_comparison_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DynhairError, match="there are no comparisons"):
         write_report([], tmp_path)

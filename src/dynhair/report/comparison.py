@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal, cast, get_args
 
@@ -152,6 +152,14 @@ class Comparison:
             _text(raw, "preset", file),
             tuple(_row(row, path, file) for row in rows),
         )
+
+    def held_out(self) -> Comparison | None:
+        """The same over the views that training held out alone; None where no row has such views."""
+        rows = []
+        for row in self.rows:
+            apart = mapping(row.metrics.get("held_out_views"))
+            rows.append(replace(row, metrics=apart if apart.get("views") else {}))
+        return replace(self, rows=tuple(rows)) if any(row.metrics for row in rows) else None
 
 
 def finite(value: object) -> float | None:

@@ -45,6 +45,7 @@ class ScenePart:
         comparison: that it is from; None of a mean over captures.
         plots: by segment, SVG.
         films: of the test motions.
+        held_out: tables over the views held out from training.
     """
 
     scene: Scene
@@ -52,6 +53,7 @@ class ScenePart:
     comparison: Comparison | None = None
     plots: dict[str, str] = field(default_factory=dict)
     films: list[Film] = field(default_factory=list)
+    held_out: list[Table] = field(default_factory=list)
 
 
 @dataclass
@@ -115,6 +117,7 @@ def _scene(part: ScenePart) -> dict[str, Any]:
         "failed": [(c.label, c.problem) for c in part.scene.contenders if c.problem],
         "notes": [(c.label, note) for c in part.scene.contenders for note in c.notes],
         "tables": [_table(table) for table in part.tables],
+        "held_out": [_table(table) for table in part.held_out],
         "cost": [_cost(contender) for contender in part.scene.contenders],
         "plots": part.plots,
         "films": part.films,

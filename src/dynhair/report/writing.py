@@ -11,7 +11,7 @@ from rich.console import Console
 
 from dynhair.errors import DynhairError
 from dynhair.report.clips import data_url, write_side_by_side
-from dynhair.report.columns import LAYOUTS
+from dynhair.report.columns import LAYOUTS, TABLE_1, Layout
 from dynhair.report.comparison import Comparison, TableName
 from dynhair.report.formats import latex_preamble, to_csv, to_latex, to_markdown
 from dynhair.report.media import Footage, find_footage, shown_rows, write_sheet
@@ -89,13 +89,16 @@ def _table_part(kind: TableName, scenes: list[ScenePart], out: Path) -> TablePar
     average = None
     if len(scenes) > 1:
         mean = Scene.average([part.scene for part in scenes])
-        average = ScenePart(mean, _write_tables(mean, out))
+        average = ScenePart(mean, _write_tables(mean, out, LAYOUTS[kind]))
     return TablePart(kind, average, scenes)
 
 
 def _scene_part(comparison: Comparison, name: str, out: Path, problems: list[str]) -> tuple[ScenePart, list[Pair]]:
     scene = Scene.of(comparison, name)
-    part = ScenePart(scene, _write_tables(scene, out), comparison)
+    part = ScenePart(scene, _write_tables(scene, out, LAYOUTS[scene.table]), comparison)
+    apart = comparison.held_out()
+    if apart is not None and TABLE_1 in LAYOUTS[scene.table]:
+        part.held_out = _write_tables(Scene.of(apart, f"{name}, views held out"), out, (TABLE_1,))
     stem = _stem(f"{comparison.table}_{name}")
     part.plots = _plots(comparison, stem, problems)
     pairs = []
@@ -107,8 +110,8 @@ def _scene_part(comparison: Comparison, name: str, out: Path, problems: list[str
     return part, pairs
 
 
-def _write_tables(scene: Scene, out: Path) -> list[Table]:
-    tables = [table for layout in LAYOUTS[scene.table] if (table := fill(layout, scene)) is not None]
+def _write_tables(scene: Scene, out: Path, layouts: Sequence[Layout]) -> list[Table]:
+    tables = [table for layout in layouts if (table := fill(layout, scene)) is not None]
     for table in tables:
         stem = out / "tables" / _stem(f"{scene.table}_{table.layout.name}_{scene.name}")
         texts = {"md": to_markdown(table), "csv": to_csv(table), "tex": latex_preamble() + to_latex(table)}
