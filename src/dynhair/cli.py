@@ -306,6 +306,20 @@ def report(folders: Positional[tuple[Path, ...]], out: Path = Path("report")) ->
     write_report(folders, out)
 
 
+def user_study(key: Positional[Path], answers: Positional[tuple[Path, ...]]) -> None:
+    """Sum up what participants of a report's blind user study answered.
+
+    Args:
+        key: The report's user_study_key.json, which says whose each clip is.
+        answers: A file of each participant, as the report's user_study.html saves it.
+    """
+    from rich.console import Console
+
+    from dynhair.report import sum_user_study
+
+    Console().print(sum_user_study(answers, key))
+
+
 def prior(out: Path, styles: int = 1200, steps: int = 4000, seed: int = 0) -> None:
     """Make a hair prior: grow procedural hairstyles, learn to see strands in views of them, and report on it.
 
@@ -333,6 +347,7 @@ VERBS = {
     "compare": compare,
     "ablate": ablate,
     "report": report,
+    "user-study": user_study,
     "prior": prior,
     "assets": assets,
 }

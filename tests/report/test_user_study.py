@@ -13,6 +13,7 @@ from made_comparisons import SIZE, write_video
 from rich.console import Console
 from scipy.stats import binomtest
 
+from dynhair import cli
 from dynhair.errors import DynhairError
 from dynhair.report import sum_user_study
 from dynhair.report.answers import ANSWERS_KIND, KEY_KIND
@@ -148,6 +149,12 @@ def test_a_console_prints_the_sums(tmp_path: Path) -> None:
     console.file.close()
     assert re.search(r"motion\s+GHA\s+15 of 20\s+75\.0%\s+50\.9% to 91\.3%\s+0\.041", text)
     assert "Which moves better?" in text
+
+
+def test_the_command_line_sums_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    answers = answers_file(tmp_path, "ada", {("GHA", "motion"): 3}, of=4)
+    cli.user_study(key_file(tmp_path), (answers,))
+    assert "GHA" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
