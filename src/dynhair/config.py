@@ -306,7 +306,7 @@ PRESETS: Mapping[str, Config] = {
     ),
     "small": Config(
         hair=HairConfig(deformer=DeformerConfig(history=20, position_frequencies=3)),
-        training=TrainingConfig(iterations=15_000, checkpoint_every=1000, weights=_MEASURED),
+        training=TrainingConfig(iterations=12_000, checkpoint_every=1000, weights=_MEASURED),
     ),
     "medium": Config(
         hair=HairConfig(strands=5000, points=40, deformer=DeformerConfig(history=20, position_frequencies=3, knots=12)),

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from dynhair.config import preset
 from dynhair.errors import DynhairError
-from dynhair.evaluation import run_evaluation
+from dynhair.evaluation import Appearance, run_evaluation
 from dynhair.training import train
 
 
@@ -40,4 +40,4 @@ def run_demo(out: Path) -> None:
     capture = sample_capture()
     if not (out / "avatar" / "avatar.json").exists():
         train(capture, out, preset("tiny"), resume=(out / "run.json").exists(), console=console)
-    run_evaluation(out / "avatar", capture, out / "evaluation", console=console)
+    run_evaluation(out / "avatar", capture, out / "evaluation", appearance=Appearance.quick(), console=console)

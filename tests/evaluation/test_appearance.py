@@ -181,3 +181,13 @@ def test_they_turn_through_the_views() -> None:
     chosen = [spread_views(number, 4, 64, 64) for number in range(64)]
     for view in range(4):
         assert sum(view in some for some in chosen) == 16
+
+
+def test_a_quick_evaluation_has_alexnet_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Perception, "published", lambda network="alexnet": Perception(None, f"{network} is here"))
+    quick = Appearance.quick()
+    assert quick.alexnet.description == "alexnet is here"
+    assert quick.vgg.distance is None
+    assert quick.inception is None
+    truths = AppearanceTruths(quick, 1, test=True)
+    assert all("left out" in truths.missing[name] for name in ("lpips_vgg", "fid", "hair_fid"))

@@ -1,5 +1,6 @@
 """Evaluation: metrics, the protocol that measures an avatar against a capture, reports and videos."""
 
+from dynhair.evaluation.appearance import Appearance
 from dynhair.evaluation.definitions import DEFINITIONS
 from dynhair.evaluation.figures import Figures
 from dynhair.evaluation.hair_motion import HairMotion, motion_explained
@@ -15,6 +16,7 @@ from dynhair.evaluation.video import video_writer
 
 __all__ = [
     "DEFINITIONS",
+    "Appearance",
     "DrivenHead",
     "EvaluatedFrame",
     "Evaluation",

@@ -17,6 +17,7 @@ from dynhair import __version__
 from dynhair.baselines import open_driven_head
 from dynhair.capture import Capture
 from dynhair.errors import DynhairError
+from dynhair.evaluation.appearance import Appearance
 from dynhair.evaluation.expressions import ExpressionSheet
 from dynhair.evaluation.hairstyle import HairstyleEvaluation, evaluate_hairstyles
 from dynhair.evaluation.held_out import HeldOutViews, held_out_views, same_folder
@@ -55,6 +56,7 @@ def run_evaluation(
     capture_path: Path | str,
     out: Path | str,
     *,
+    appearance: Appearance | None = None,
     device: torch.device | str = "cpu",
     console: Console | None = None,
 ) -> RunEvaluation:
@@ -69,6 +71,7 @@ def run_evaluation(
         out: folder for ``metrics.json`` and, of an avatar, ``series.npz``, ``test_<segment>.mp4``,
             ``contact_sheet.png`` and, where expressions vary, ``expressions.png``; or ``cross_<segment>.mp4`` of an
             avatar that another person drives.
+        appearance: networks that compare images; the published ones when left out.
         device: where the avatar is posed and rendered.
         console: where progress and tables go; standard output when left out.
 
@@ -88,7 +91,7 @@ def run_evaluation(
             return RunEvaluation(_reenact(avatar, own, capture, figures, out, console), None)
         own_hair = getattr(avatar, "canonical_strands", None)
         hairstyles = hairstyles or ({} if own_hair is None else {"canonical": own_hair})
-        motion, written = _evaluate_motion(avatar, capture, held_out_views(run, capture), out, console)
+        motion, written = _evaluate_motion(avatar, capture, held_out_views(run, capture), appearance, out, console)
         figures.update(motion.to_json())
         console.print(evaluation_table(motion))
     hairstyle = None
@@ -155,7 +158,12 @@ def _evaluate_hairstyles(capture: Capture, hairstyles: dict[str, Float[Tensor, "
 
 
 def _evaluate_motion(
-    avatar: DrivenHead, capture: Capture, held_out: HeldOutViews, out: Path, console: Console
+    avatar: DrivenHead,
+    capture: Capture,
+    held_out: HeldOutViews,
+    appearance: Appearance | None,
+    out: Path,
+    console: Console,
 ) -> tuple[Evaluation, list[Path]]:
     total = sum(len(evaluated_indices(segment)) for segment in capture.segments)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
@@ -169,7 +177,7 @@ def _evaluate_motion(
             expressions(frame)
             progress.update(task, advance=1, description=f"evaluating {frame.segment.name}")
 
-        evaluation = evaluate_avatar(avatar, capture, held_out=held_out, observe=observe)
+        evaluation = evaluate_avatar(avatar, capture, held_out=held_out, appearance=appearance, observe=observe)
     series = out / SERIES_FILE
     write_series(series, {part.segment.name: part.series for part in evaluation.segments})
     sheet = expressions.write(out)
