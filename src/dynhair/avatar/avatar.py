@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import safetensors
-import safetensors.torch
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynhair.avatar.deformer import HairDeformer
 from dynhair.avatar.drawn_hair import COLOURS, drawn_hair
+from dynhair.avatar.expression_match import require_expressions
 from dynhair.avatar.expression_modes import ExpressionModes
 from dynhair.avatar.hair import Hair
 from dynhair.avatar.head import Head, HeadGaussians, HeadStart
 from dynhair.avatar.head_pose import HeadPose, head_pose
 from dynhair.avatar.layers import layers
+from dynhair.avatar.model_folder import basis_of, load_model, save_model
 from dynhair.avatar.scalp_layer import ScalpLayer
 from dynhair.avatar.super_resolution import SuperResolution
 from dynhair.camera import Camera
@@ -29,12 +29,10 @@ from dynhair.config import DeformerConfig, HeadConfig
 from dynhair.errors import DynhairError
 from dynhair.motion import SignalNormalizer, motion_signals, motion_window
 from dynhair.render import Gaussians, rasterize
-from dynhair.storage import atomic_folder, read_json, write_json
 from dynhair.strands import decode_orientation
 
+KIND = "dynhair avatar"
 SCHEMA_VERSION = 2
-DESCRIPTION = "avatar.json"
-TENSORS = "avatar.safetensors"
 
 
 @dataclass(frozen=True)
@@ -139,7 +137,7 @@ class Avatar(nn.Module):
         Raises:
             DynhairError: the track's expressions are of another face model than the avatar was trained with.
         """
-        self._require_expressions(track)
+        require_expressions(track, self.head.expression_size, self.expression_basis)
         window = None if rigid_hair else self.window(self.conditions(track), frame)
         return self.posed(head_pose(track, frame, self.background.device), window)
 
@@ -195,23 +193,6 @@ class Avatar(nn.Module):
             )
         return [camera.resized(width // factor, height // factor) for camera in cameras]
 
-    def _require_expressions(self, track: HeadTrack) -> None:
-        own, other = self.expression_basis, track.expression_basis
-        found, expected = track.expressions.shape[1], self.head.expression_size
-        mend = "track the driving motion with the same face model"
-        if own is not None and other is not None and not own.matches(other):
-            raise DynhairError(
-                f"the driving motion's expressions are of the face model '{other.name}'",
-                expected=f"those of '{own.name}', as in the capture that the avatar was trained on",
-                mend=mend,
-            )
-        if found != expected:
-            raise DynhairError(
-                f"the driving motion has {found} expression coefficients",
-                expected=f"{expected}, as in the capture that the avatar was trained on",
-                mend=mend,
-            )
-
     def _head_features(
         self, head: HeadGaussians, hair_colours: Float[Tensor, "v g 3"], strands: int
     ) -> Float[Tensor, "v k f"]:
@@ -227,8 +208,6 @@ class Avatar(nn.Module):
     def save(self, path: Path | str) -> None:
         """Write the avatar as a folder, atomically: ``avatar.json`` and ``avatar.safetensors``."""
         description = {
-            "kind": "dynhair avatar",
-            "version": SCHEMA_VERSION,
             "strand_width": self.hair.width,
             "expression_size": self.head.expression_size,
             "dynamic": isinstance(self.hair.deformer, HairDeformer),
@@ -236,10 +215,7 @@ class Avatar(nn.Module):
             "head": dataclasses.asdict(self.head.config),
             "expression_basis": None if self.expression_basis is None else self.expression_basis.to_json(),
         }
-        tensors = {name: value.detach().cpu().contiguous() for name, value in self.state_dict().items()}
-        with atomic_folder(path) as folder:
-            write_json(folder / DESCRIPTION, description)
-            safetensors.torch.save_file(tensors, folder / TENSORS)
+        save_model(self, path, KIND, description, version=SCHEMA_VERSION)
 
     @classmethod
     def load(cls, path: Path | str, device: torch.device | str = "cpu") -> Avatar:
@@ -248,34 +224,10 @@ class Avatar(nn.Module):
         Raises:
             DynhairError: a file is missing, damaged, of a later version, or does not fit the others.
         """
-        path = Path(path)
-        if not path.is_dir():
-            raise DynhairError("there is no such folder", path=path, expected="an avatar's folder")
-        description = read_json(path / DESCRIPTION)
-        if description.get("kind") != "dynhair avatar" or description.get("version") != SCHEMA_VERSION:
-            raise DynhairError(
-                f"kind {description.get('kind')!r}, version {description.get('version')!r}",
-                path=path / DESCRIPTION,
-                expected=f"a 'dynhair avatar' of version {SCHEMA_VERSION}",
-                mend="open it with the release that wrote it",
-            )
-        try:
-            tensors = safetensors.torch.load_file(path / TENSORS)
-        except FileNotFoundError:
-            raise DynhairError("the file is missing", path=path / TENSORS) from None
-        except (OSError, safetensors.SafetensorError) as error:
-            raise DynhairError(f"not readable as safetensors ({error})", path=path / TENSORS) from None
-        try:
-            avatar = cls._like(description, tensors)
-            avatar.load_state_dict(tensors)
-        except (KeyError, TypeError, ValueError, IndexError, RuntimeError) as error:
-            raise DynhairError(
-                f"the tensors do not fit {DESCRIPTION}: {error}", path=path / TENSORS, mend="write the avatar again"
-            ) from None
-        return avatar.to(device).eval()
+        return load_model(path, KIND, cls._like, device, version=SCHEMA_VERSION)
 
     @classmethod
-    def _like(cls, description: dict[str, Any], tensors: dict[str, Tensor]) -> Avatar:
+    def _like(cls, description: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> Avatar:
         # an avatar that says nothing of knots or of rigid hair was written before there were any
         dynamic, deformer = description.get("dynamic", True), DeformerConfig(**{"knots": 0, **description["deformer"]})
         strands = tensors["hair.deformer.addresses"] if dynamic else tensors["hair.strands"]
@@ -287,7 +239,4 @@ class Avatar(nn.Module):
         head = Head(start, torch.zeros(1, 3), rest, HeadConfig(**description["head"]))
         scalp = ScalpLayer.blank(*tensors["scalp.strands"].shape)
         normalizer = SignalNormalizer(deformer)
-        basis = description["expression_basis"]
-        if basis is not None:
-            basis = ExpressionBasis(basis["name"], tuple(basis.get("names", ())))
-        return cls(hair, head, normalizer, torch.zeros(3), scalp, basis)
+        return cls(hair, head, normalizer, torch.zeros(3), scalp, basis_of(description))

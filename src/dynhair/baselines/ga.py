@@ -12,10 +12,10 @@ from jaxtyping import Float, Int64
 from torch import Tensor, nn
 
 from dynhair.avatar import ExpressionModes, HeadPose
+from dynhair.avatar.model_folder import basis_of, load_model, save_model
 from dynhair.avatar.rotations import multiply_quaternions, rotation_quaternion
 from dynhair.avatar.spherical_harmonics import COEFFICIENTS, constant_coefficient, harmonics_colours
 from dynhair.baselines.driven_mesh import DrivenMesh
-from dynhair.baselines.model_folder import basis_of, load_model, save_model
 from dynhair.baselines.strandless import PosedGaussians, StrandlessHead
 from dynhair.baselines.triangle_frames import triangle_frames
 from dynhair.camera import Camera

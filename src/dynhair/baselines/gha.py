@@ -12,7 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dynhair.avatar import ExpressionModes, Head, HeadPose, HeadStart
-from dynhair.baselines.model_folder import basis_of, load_model, save_model
+from dynhair.avatar.model_folder import basis_of, load_model, save_model
 from dynhair.baselines.strandless import PosedGaussians, StrandlessHead
 from dynhair.capture import ExpressionBasis
 from dynhair.config import HeadConfig, TrainingConfig

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dynhair.avatar.avatar import DESCRIPTION
+from dynhair.avatar.model_folder import DESCRIPTION
 from dynhair.errors import DynhairError
 from dynhair.storage import read_json
 from dynhair.training.run import avatar_folder

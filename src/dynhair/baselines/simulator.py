@@ -13,14 +13,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import safetensors
 import safetensors.torch
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 from dynhair.avatar import Avatar, head_pose
-from dynhair.avatar.avatar import DESCRIPTION, TENSORS, AvatarImages, PosedAvatar
+from dynhair.avatar.avatar import AvatarImages, PosedAvatar
+from dynhair.avatar.model_folder import DESCRIPTION, TENSORS, read_description, read_tensors
 from dynhair.baselines.cables import CableParameters, Cables, Part
 from dynhair.baselines.simulator_guides import GuideInterpolation, resampled, spread_guides
 from dynhair.baselines.simulator_motion import RigidMotion
@@ -28,7 +28,7 @@ from dynhair.baselines.simulator_training import train_simulator
 from dynhair.camera import Camera
 from dynhair.capture import Capture, HeadTrack
 from dynhair.errors import DynhairError
-from dynhair.storage import atomic_folder, read_json, write_json
+from dynhair.storage import atomic_folder, write_json
 from dynhair.strands import MeshDistance
 from dynhair.strands.collision import push_out
 from dynhair.training.frames import head_frame, rest_frame
@@ -186,22 +186,11 @@ class SimulatedAvatar:
             DynhairError: a file is missing, damaged, of a later version, or does not fit the others.
         """
         path = Path(path)
-        if not path.is_dir():
-            raise DynhairError("there is no such folder", path=path, expected=f"the folder of a '{KIND}'")
-        description = read_json(path / DESCRIPTION)
-        if description.get("kind") != KIND or description.get("version") != VERSION:
-            raise DynhairError(
-                f"kind {description.get('kind')!r}, version {description.get('version')!r}",
-                path=path / DESCRIPTION,
-                expected=f"a '{KIND}' of version {VERSION}",
-                mend="open it with the release that wrote it",
-            )
+        description, tensors = read_description(path, KIND, VERSION), read_tensors(path)
         try:
-            surface = HeadSurface(**safetensors.torch.load_file(path / TENSORS))
+            surface = HeadSurface(**tensors)
             parameters, guides = CableParameters(**description["parameters"]), int(description["guides"])
-        except FileNotFoundError:
-            raise DynhairError("the file is missing", path=path / TENSORS) from None
-        except (OSError, KeyError, TypeError, ValueError, safetensors.SafetensorError) as error:
+        except (KeyError, TypeError, ValueError) as error:
             raise DynhairError(
                 f"the surface or the parameters are damaged ({error})", path=path, mend="write the folder again"
             ) from None

@@ -11,10 +11,10 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynhair.avatar import HeadPose, head_pose
+from dynhair.avatar.expression_match import require_expressions
 from dynhair.camera import Camera
 from dynhair.capture import ExpressionBasis, HeadTrack
 from dynhair.config import TrainingConfig
-from dynhair.errors import DynhairError
 from dynhair.render import Gaussians, rasterize
 
 
@@ -114,30 +114,3 @@ class StrandlessHead(nn.Module, ABC):
         gaussians = Gaussians(posed.means, posed.quats, posed.scales, posed.opacities, self.colours(posed, cameras))
         drawn = rasterize(gaussians, cameras, background=self.background)
         return StrandlessImages(drawn.features, None, drawn.alpha, drawn.alpha, drawn.depth)
-
-
-def require_expressions(track: HeadTrack, size: int, basis: ExpressionBasis | None) -> None:
-    """Refuse to be driven by the coefficients of another face model.
-
-    Args:
-        track: that drives.
-        size: number of coefficients that the head was trained with.
-        basis: whose they are; None if that is not known.
-
-    Raises:
-        DynhairError: the track has others.
-    """
-    mend = "track the driving motion with the same face model"
-    other, found = track.expression_basis, track.expressions.shape[1]
-    if basis is not None and other is not None and not basis.matches(other):
-        raise DynhairError(
-            f"the driving motion's expressions are of the face model '{other.name}'",
-            expected=f"those of '{basis.name}', as in the capture that the head was trained on",
-            mend=mend,
-        )
-    if found != size:
-        raise DynhairError(
-            f"the driving motion has {found} expression coefficients",
-            expected=f"{size}, as in the capture that the head was trained on",
-            mend=mend,
-        )

@@ -10,7 +10,6 @@ import torch
 from rich.console import Console
 
 from dynhair.ablations import ABLATIONS, AblationName
-from dynhair.avatar.mlp import quick_precision
 from dynhair.capture import Capture
 from dynhair.comparison.budget import MemoryEstimates, memory_budget, stated_memory
 from dynhair.comparison.folder_lock import locked
@@ -25,6 +24,7 @@ from dynhair.config import PRESETS, Config, chosen_config
 from dynhair.errors import DynhairError
 from dynhair.threads import thread_count
 from dynhair.training.run import Run
+from dynhair.training.trainer import with_precision
 
 METHODS: tuple[MethodName, ...] = ("ours", "rigid", "gha", "ga", "simulator", "simulator-tuned")
 REPORT = "report"
@@ -168,7 +168,7 @@ def _finish(
 def _begun(asked: Comparison) -> Comparison:
     """The comparison in the folder, with the rows that are asked for; what had failed is tried again."""
     if not Comparison.exists(asked.path):
-        asked.config = _with_precision(asked.config)
+        asked.config = with_precision(asked.config)
         asked.create()
         return asked
     comparison = Comparison.read(asked.path)
@@ -184,15 +184,6 @@ def _begun(asked: Comparison) -> Comparison:
             comparison.change(name, state="pending", error=None)
     comparison.write()
     return comparison
-
-
-def _with_precision(config: Config) -> Config:
-    """The configuration with ``auto`` precision decided once, so that all rows compute alike."""
-    if config.training.precision != "auto":
-        return config
-    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    precision = "bfloat16" if quick_precision(device) == torch.bfloat16 else "float32"
-    return dataclasses.replace(config, training=dataclasses.replace(config.training, precision=precision))
 
 
 def _trained_run(path: Path, capture: Path, seeds: Sequence[int], iterations: int | None) -> Run:

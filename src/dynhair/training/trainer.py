@@ -89,7 +89,7 @@ def train(
     if not resume and processes.first:
         if groom is not None:
             read_strands(groom)  # an unreadable groom is refused before there is a run
-        Run.create(out, data.path, _with_precision(config or Config()), groom)
+        Run.create(out, data.path, with_precision(config or Config()), groom)
     processes.wait()
     run = Run.open(out)
     if resume:
@@ -126,7 +126,7 @@ def _require_same(run: Run, capture: Capture, groom: Path | None) -> None:
         )
 
 
-def _with_precision(config: Config) -> Config:
+def with_precision(config: Config) -> Config:
     """The configuration with ``auto`` precision decided, so that a resumed run computes as it began."""
     if config.training.precision != "auto":
         return config

@@ -1,4 +1,4 @@
-"""A baseline on disk, in the avatar's manner: ``avatar.json`` and ``avatar.safetensors``."""
+"""A trained head on disk: ``avatar.json`` says what it is, ``avatar.safetensors`` holds its tensors."""
 
 from __future__ import annotations
 
@@ -11,17 +11,19 @@ import safetensors.torch
 import torch
 from torch import Tensor, nn
 
-from dynhair.avatar.avatar import DESCRIPTION, TENSORS
 from dynhair.capture import ExpressionBasis
 from dynhair.errors import DynhairError
 from dynhair.storage import atomic_folder, read_json, write_json
 
-VERSION = 1
+DESCRIPTION = "avatar.json"
+TENSORS = "avatar.safetensors"
 
 M = TypeVar("M", bound=nn.Module)
 
 
-def save_model(model: nn.Module, path: Path | str, kind: str, description: Mapping[str, Any]) -> None:
+def save_model(
+    model: nn.Module, path: Path | str, kind: str, description: Mapping[str, Any], *, version: int = 1
+) -> None:
     """Write a model as a folder, atomically.
 
     Args:
@@ -29,6 +31,7 @@ def save_model(model: nn.Module, path: Path | str, kind: str, description: Mappi
         path: the folder.
         kind: what it is.
         description: what else is needed to build a model that the tensors fit, as JSON values.
+        version: of the kind.
 
     Raises:
         DynhairError: it cannot be written.
@@ -36,7 +39,7 @@ def save_model(model: nn.Module, path: Path | str, kind: str, description: Mappi
     tensors = {name: value.detach().cpu().contiguous() for name, value in model.state_dict().items()}
     try:
         with atomic_folder(path) as folder:
-            write_json(folder / DESCRIPTION, {"kind": kind, "version": VERSION, **description})
+            write_json(folder / DESCRIPTION, {"kind": kind, "version": version, **description})
             safetensors.torch.save_file(tensors, folder / TENSORS)
     except (OSError, safetensors.SafetensorError) as error:
         raise DynhairError(
@@ -51,6 +54,8 @@ def load_model(
     kind: str,
     like: Callable[[Mapping[str, Any], Mapping[str, Tensor]], M],
     device: torch.device | str,
+    *,
+    version: int = 1,
 ) -> M:
     """Open a model's folder. Nothing in it is executed.
 
@@ -59,27 +64,14 @@ def load_model(
         kind: what it must be.
         like: builds a model that the tensors fit from the description and, for their sizes, the tensors.
         device: where the model goes.
+        version: of the kind.
 
     Raises:
         DynhairError: a file is missing, damaged, of another kind or version, or does not fit the other.
     """
     path = Path(path)
-    if not path.is_dir():
-        raise DynhairError("there is no such folder", path=path, expected=f"the folder of a '{kind}'")
-    description = read_json(path / DESCRIPTION)
-    if description.get("kind") != kind or description.get("version") != VERSION:
-        raise DynhairError(
-            f"kind {description.get('kind')!r}, version {description.get('version')!r}",
-            path=path / DESCRIPTION,
-            expected=f"a '{kind}' of version {VERSION}",
-            mend="open it with the release that wrote it",
-        )
-    try:
-        tensors = safetensors.torch.load_file(path / TENSORS)
-    except FileNotFoundError:
-        raise DynhairError("the file is missing", path=path / TENSORS) from None
-    except (OSError, safetensors.SafetensorError) as error:
-        raise DynhairError(f"not readable as safetensors ({error})", path=path / TENSORS) from None
+    description = read_description(path, kind, version)
+    tensors = read_tensors(path)
     try:
         model = like(description, tensors)
         model.load_state_dict(tensors)
@@ -88,6 +80,39 @@ def load_model(
             f"the tensors do not fit {DESCRIPTION}: {error}", path=path / TENSORS, mend="write the folder again"
         ) from None
     return model.to(device).eval()
+
+
+def read_description(path: Path, kind: str, version: int) -> dict[str, Any]:
+    """Read what a folder says of itself.
+
+    Raises:
+        DynhairError: there is no such folder, or it is of another kind or version.
+    """
+    if not path.is_dir():
+        raise DynhairError("there is no such folder", path=path, expected=f"the folder of a '{kind}'")
+    description = read_json(path / DESCRIPTION)
+    if description.get("kind") != kind or description.get("version") != version:
+        raise DynhairError(
+            f"kind {description.get('kind')!r}, version {description.get('version')!r}",
+            path=path / DESCRIPTION,
+            expected=f"a '{kind}' of version {version}",
+            mend="open it with the release that wrote it",
+        )
+    return description
+
+
+def read_tensors(path: Path) -> dict[str, Tensor]:
+    """Read a folder's tensors.
+
+    Raises:
+        DynhairError: their file is missing or damaged.
+    """
+    try:
+        return safetensors.torch.load_file(path / TENSORS)
+    except FileNotFoundError:
+        raise DynhairError("the file is missing", path=path / TENSORS) from None
+    except (OSError, safetensors.SafetensorError) as error:
+        raise DynhairError(f"not readable as safetensors ({error})", path=path / TENSORS) from None
 
 
 def basis_of(description: Mapping[str, Any]) -> ExpressionBasis | None:
