@@ -212,7 +212,7 @@ def test_an_avatar_that_cannot_be_written_is_not_lost(
 ) -> None:
     out = branch_off(begun, tmp_path / "run")
     with monkeypatch.context() as patched:
-        patched.setattr("dynhair.avatar.avatar.atomic_folder", full_disk)
+        patched.setattr("dynhair.avatar.model_folder.atomic_folder", full_disk)
         with pytest.raises(DynhairError, match="avatar cannot be written"):
             go_on(capture, out)
     go_on(capture, out)

@@ -206,7 +206,11 @@ class Avatar(nn.Module):
         return own.expand(len(colours), -1, -1).index_copy(1, rows, covered)
 
     def save(self, path: Path | str) -> None:
-        """Write the avatar as a folder, atomically: ``avatar.json`` and ``avatar.safetensors``."""
+        """Write the avatar as a folder, atomically: ``avatar.json`` and ``avatar.safetensors``.
+
+        Raises:
+            DynhairError: it cannot be written, for want of space or otherwise.
+        """
         description = {
             "strand_width": self.hair.width,
             "expression_size": self.head.expression_size,

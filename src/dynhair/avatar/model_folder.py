@@ -43,7 +43,7 @@ def save_model(
             safetensors.torch.save_file(tensors, folder / TENSORS)
     except (OSError, safetensors.SafetensorError) as error:
         raise DynhairError(
-            f"the head cannot be written ({error}); the checkpoint of a run has all of it",
+            f"the avatar cannot be written ({error}); the checkpoint of a run has all of it",
             path=path,
             mend="free some space, and go on with the run by --resume",
         ) from error

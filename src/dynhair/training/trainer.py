@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-import safetensors
 import torch
 from jaxtyping import Float
 from rich.console import Console
@@ -166,19 +165,9 @@ class _Training:
             ).finish(checkpoint)
         avatar = objective.avatar.eval()
         if self.processes.first:
-            self._save(avatar)
+            avatar.save(self.run.avatar)
         self.processes.wait()
         return avatar
-
-    def _save(self, avatar: Avatar) -> None:
-        try:
-            avatar.save(self.run.avatar)
-        except (OSError, safetensors.SafetensorError) as error:
-            raise DynhairError(
-                f"the avatar cannot be written ({error}); the run's checkpoint has all of it",
-                path=self.run.avatar,
-                mend="free some space and go on with --resume",
-            ) from error
 
     def _start(self, strands: Tensor) -> tuple[Avatar, Roots | None, Checkpoint | None]:
         """The avatar before the joint training, or as the checkpoint left it."""
