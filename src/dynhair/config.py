@@ -280,7 +280,7 @@ _SUPPLEMENT = LossWeights(perceptual=0.1, perceptual_raised=0.6)
 # and more penetration a single frame can be fitted to a hair IoU of 0.86, and to 0.83 without, for its hair lies on the
 # shoulders and not behind them. With dynamics of weight 1, hair IoU on a motion that training did not see was 0.713
 # against 0.700 (silhouettes and directions alone, 1,200 steps, three octaves of position against six), and 0.714 with a
-# weight of 3 and a smoothness over neighbouring strands that was not kept. In a whole training it is not told apart yet.
+# weight of 3 and a smoothness over neighbouring strands that was not kept. A whole training has not told it apart yet.
 _MEASURED = dataclasses.replace(
     _SUPPLEMENT, orientation=5.0, elastic=200_000.0, penetration=1000.0, reach=500.0, dynamics=3.0
 )
