@@ -96,7 +96,7 @@ def test_moving_hair_differs_from_rigid_hair_and_both_follow_the_head(avatar: Av
 
 
 def test_images_show_labels_background_and_hair_direction(avatar: Avatar) -> None:
-    images = avatar.render(avatar.pose(head_track(), 0), [front_camera(), front_camera()])
+    images = avatar.draw(avatar.pose(head_track(), 0), [front_camera(), front_camera()])
     assert images.rgb.shape == (2, 40, 40, 3)
     torch.testing.assert_close(images.rgb[0, 0, 0], avatar.background)
     torch.testing.assert_close(images.hair + images.body, images.alpha)
@@ -108,7 +108,7 @@ def test_images_show_labels_background_and_hair_direction(avatar: Avatar) -> Non
 
 
 def test_drawing_is_differentiable_in_every_parameter(avatar: Avatar) -> None:
-    images = avatar.render(avatar.pose(head_track(), 2), [front_camera()])
+    images = avatar.draw(avatar.pose(head_track(), 2), [front_camera()])
     (images.rgb.square().sum() + images.direction.square().sum() + images.hair.sum()).backward()
     for name, parameter in avatar.named_parameters():
         assert parameter.grad is not None, name
@@ -128,17 +128,17 @@ def test_turning_everything_with_the_camera_changes_no_label(avatar: Avatar) -> 
     rotation = camera.w2c[:, :3] @ moved.T
     offset = camera.w2c[:, 3] + camera.w2c[:, :3] @ shift - rotation @ shift
     other = Camera(torch.cat([rotation, offset[:, None]], 1), camera.K, camera.width, camera.height)
-    a = avatar.render(avatar.pose(plain, 0, rigid_hair=True), [camera])
-    b = avatar.render(avatar.pose(turned, 0, rigid_hair=True), [other])
+    a = avatar.draw(avatar.pose(plain, 0, rigid_hair=True), [camera])
+    b = avatar.draw(avatar.pose(turned, 0, rigid_hair=True), [other])
     torch.testing.assert_close(a.hair, b.hair, atol=2e-2, rtol=0)
 
 
 def test_an_avatar_survives_its_folder(avatar: Avatar, tmp_path: Path) -> None:
     track = head_track()
-    expected = avatar.eval().render(avatar.pose(track, 2), [front_camera()])
+    expected = avatar.eval().draw(avatar.pose(track, 2), [front_camera()])
     avatar.save(tmp_path / "a")
     loaded = Avatar.load(tmp_path / "a")
-    actual = loaded.render(loaded.pose(track, 2), [front_camera()])
+    actual = loaded.draw(loaded.pose(track, 2), [front_camera()])
     assert torch.equal(actual.rgb, expected.rgb)
     assert loaded.hair.width == avatar.hair.width
     avatar.save(tmp_path / "a")
@@ -261,11 +261,11 @@ def test_scalp_that_counts_as_hair_is_labelled_and_coloured_as_hair(avatar: Avat
     posed = avatar.pose(head_track(), 0)
     camera = front_camera()
     with torch.no_grad():
-        before = avatar.render(posed, [camera])
+        before = avatar.draw(posed, [camera])
         avatar.scalp.cover_logits.fill_(20.0)
-        after = avatar.render(posed, [camera])
+        after = avatar.draw(posed, [camera])
         avatar.scalp.cover_logits.fill_(-20.0)
-        bare = avatar.render(posed, [camera])
+        bare = avatar.draw(posed, [camera])
     torch.testing.assert_close(after.alpha, before.alpha)
     torch.testing.assert_close(after.hair + after.body, after.alpha)
     more = after.hair[0] - bare.hair[0]
@@ -283,12 +283,12 @@ def test_scalp_that_counts_as_hair_is_labelled_and_coloured_as_hair(avatar: Avat
 def test_super_resolution_enlarges_what_is_drawn() -> None:
     plain, larger = make_avatar(), make_avatar(super_resolution=2)
     large = front_camera(40)
-    images = larger.render(larger.pose(head_track(), 1, rigid_hair=True), [large])
+    images = larger.draw(larger.pose(head_track(), 1, rigid_hair=True), [large])
     assert images.rgb.shape == (1, 40, 40, 3)
     assert images.hair.shape == images.body.shape == images.alpha.shape == (1, 40, 40)
     assert images.direction.shape == (1, 40, 40, 2)
     assert images.coarse is not None
-    drawn = plain.render(plain.pose(head_track(), 1, rigid_hair=True), [large.resized(20, 20)])
+    drawn = plain.draw(plain.pose(head_track(), 1, rigid_hair=True), [large.resized(20, 20)])
     assert drawn.coarse is None
     torch.testing.assert_close(images.coarse, drawn.rgb, atol=0.05, rtol=0)
     pooled = torch.nn.functional.avg_pool2d(images.hair[None], 2)[0]
@@ -298,12 +298,12 @@ def test_super_resolution_enlarges_what_is_drawn() -> None:
     for name, parameter in larger.super_resolution.named_parameters():
         assert parameter.grad is not None, name
     with pytest.raises(DynhairError, match="41 x 41"):
-        larger.render(larger.pose(head_track(), 1), [front_camera(41)])
+        larger.draw(larger.pose(head_track(), 1), [front_camera(41)])
 
 
 def test_super_resolution_survives_the_folder(tmp_path: Path) -> None:
     avatar = make_avatar(super_resolution=4)
     avatar.save(tmp_path / "a")
     loaded = Avatar.load(tmp_path / "a")
-    a, b = (x.render(x.pose(head_track(), 1), [front_camera()]) for x in (avatar.eval(), loaded))
+    a, b = (x.draw(x.pose(head_track(), 1), [front_camera()]) for x in (avatar.eval(), loaded))
     assert torch.equal(a.rgb, b.rgb)

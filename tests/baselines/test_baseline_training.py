@@ -72,7 +72,7 @@ def test_a_run_leaves_a_head_a_checkpoint_a_log_and_a_preview(
     head = open_driven_head(out)  # a run's folder stands for its head
     segment = data.segment("nod")
     posed = head.pose(data.track(segment), 3)
-    images = head.render(posed, [data.camera(segment.start + 3, view) for view in data.camera_names])
+    images = head.draw(posed, [data.camera(segment.start + 3, view) for view in data.camera_names])
     assert posed.strands is None
     assert images.rgb.shape == (3, 32, 32, 3)
     assert images.rgb.isfinite().all()
@@ -131,7 +131,7 @@ def test_training_brings_the_head_closer_to_the_images(name: BaselineName, captu
         for index in range(segment.count):
             cameras = [data.camera(segment.start + index, view) for view in data.camera_names]
             with torch.no_grad():
-                rgb = head.render(head.pose(data.track(segment), index), cameras).rgb
+                rgb = head.draw(head.pose(data.track(segment), index), cameras).rgb
             truth = torch.stack([data.view(segment.start + index, view).rgb for view in data.camera_names])
             total += float((rgb - truth).abs().mean())
         return total / segment.count

@@ -90,7 +90,7 @@ def test_the_expression_moves_those_of_the_triangles_that_it_moves() -> None:
 
 def test_images_have_no_hair_and_every_parameter_gets_a_gradient() -> None:
     head = bound_gaussians(basis=None)
-    images = head.render(head.pose(head_track(), 1), [camera(), camera()])
+    images = head.draw(head.pose(head_track(), 1), [camera(), camera()])
     assert images.hair is None
     assert images.rgb.shape == (2, 24, 24, 3)
     assert torch.equal(images.body, images.alpha)

@@ -37,7 +37,7 @@ def test_a_head_that_was_stored_looks_the_same(make: Callable[..., Any], tmp_pat
     assert type(stored) is type(head)
     assert stored.expression_basis == BASIS
     with torch.no_grad():
-        one, other = (h.render(h.pose(head_track(), 2), [camera()]) for h in (head, stored))
+        one, other = (h.draw(h.pose(head_track(), 2), [camera()]) for h in (head, stored))
     assert torch.equal(one.rgb, other.rgb)
     assert torch.equal(one.alpha, other.alpha)
     assert all(torch.equal(value, stored.state_dict()[name]) for name, value in head.state_dict().items())
@@ -153,7 +153,7 @@ def test_each_parameter_is_in_one_group(make: Callable[..., Any]) -> None:
 
 def test_networks_and_colours_of_the_free_head_get_gradients() -> None:
     head = gaussian_head_avatar(basis=None)
-    head.render(head.pose(head_track(), 1), [camera()]).rgb.square().mean().backward()
+    head.draw(head.pose(head_track(), 1), [camera()]).rgb.square().mean().backward()
     for name, parameter in head.named_parameters():
         if parameter.numel():
             assert parameter.grad is not None, name

@@ -121,7 +121,7 @@ class StandInAvatar:
         world = local @ track.rotations[frame].T + track.translations[frame]
         return StandInPose(torch.from_numpy(world).float(), identity, rigid_hair)
 
-    def render(self, posed: StandInPose, cameras: Sequence[Camera]) -> StandInImages:
+    def draw(self, posed: StandInPose, cameras: Sequence[Camera]) -> StandInImages:
         size = (cameras[0].height, cameras[0].width)
         images, coverages = [], []
         for camera in cameras:

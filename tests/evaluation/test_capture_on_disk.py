@@ -53,7 +53,7 @@ class Replay:
         views = self.capture.views([(identity, name) for name in self.capture.camera_names])
         return ReplayedPose(torch.as_tensor(strands), views)
 
-    def render(self, posed: ReplayedPose, cameras: Sequence[Camera]) -> ReplayedImages:
+    def draw(self, posed: ReplayedPose, cameras: Sequence[Camera]) -> ReplayedImages:
         assert len(cameras) == len(posed.views)
         hair = [view.hair for view in posed.views if view.hair is not None]
         return ReplayedImages(torch.stack([view.rgb for view in posed.views]), torch.stack(hair))

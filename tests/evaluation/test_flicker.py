@@ -61,7 +61,7 @@ def test_the_protocol_averages_the_excess_over_pairs_of_the_test(random_network:
         for index in range(segment.count):
             views = [capture.view(segment.frames[index], name) for name in CAMERAS]
             cameras = [capture.camera(segment.frames[index], name) for name in CAMERAS]
-            drawn = avatar.render(avatar.pose(capture.track(segment), index), cameras).rgb.clamp(0.0, 1.0)
+            drawn = avatar.draw(avatar.pose(capture.track(segment), index), cameras).rgb.clamp(0.0, 1.0)
             true, hair = torch.stack([v.rgb for v in views]), torch.stack([v.hair for v in views if v.hair is not None])
             if last is not None:
                 region = (last[2] + hair).clamp(0, 1)

@@ -33,7 +33,7 @@ class RigidAvatar:
         rotation, translation = torch.from_numpy(track.rotations[frame]), torch.from_numpy(track.translations[frame])
         return SimpleNamespace(strands=(self.canonical_strands.double() @ rotation.T + translation).float())
 
-    def render(self, posed: SimpleNamespace, cameras: Sequence[Camera]) -> SimpleNamespace:
+    def draw(self, posed: SimpleNamespace, cameras: Sequence[Camera]) -> SimpleNamespace:
         black = torch.zeros(len(cameras), cameras[0].height, cameras[0].width)
         return SimpleNamespace(rgb=black[..., None].expand(-1, -1, -1, 3), hair=black)
 

@@ -50,7 +50,7 @@ class Flawed:
         segment = next(s for s in self.capture.segments if self.capture.track(s) is track)
         return Pose(torch.eye(3)[None], segment.start + frame)
 
-    def render(self, posed: Pose, cameras: Sequence[Camera]) -> Images:
+    def draw(self, posed: Pose, cameras: Sequence[Camera]) -> Images:
         views = views_of(self.capture, posed.frame)
         noise = np.random.default_rng(posed.frame).normal(0.0, 0.02, (len(views), SIZE, SIZE, 3))
         rgb = torch.stack([view.rgb for view in views]) + torch.from_numpy(noise).float()
@@ -90,7 +90,7 @@ def test_face_and_edge_agree_with_loops_over_the_views(capture: Capture, evaluat
     inner = np.zeros((SIZE, SIZE), bool)
     inner[5:-5, 5:-5] = True
     for frame in capture.segment("turn").frames:
-        images = Flawed(capture).render(Pose(torch.zeros(0, 0, 3), frame), [])
+        images = Flawed(capture).draw(Pose(torch.zeros(0, 0, 3), frame), [])
         for view, name in enumerate(capture.camera_names):
             truth = capture.view(frame, name)
             true, image, coverage = truth.rgb.numpy(), images.rgb[view].numpy(), true_hair(truth).numpy()
@@ -129,7 +129,7 @@ def test_lpips_is_taken_of_some_frames(capture: Capture, evaluation: Evaluation,
     whole, faces = [], []
     first = capture.segment("turn").start
     for frame in (first, first + PERCEPTION_STRIDE):
-        images = Flawed(capture).render(Pose(torch.zeros(0, 0, 3), frame), [])
+        images = Flawed(capture).draw(Pose(torch.zeros(0, 0, 3), frame), [])
         for view, name in enumerate(capture.camera_names):
             truth = capture.view(frame, name).rgb
             whole.append(distance(images.rgb[view], truth).item())

@@ -58,7 +58,7 @@ TEST_FRAMES = [(segment, index) for segment in SEGMENTS if segment.split == "tes
 def rendered(capture: StandInCapture, segment: Segment, index: int, *, rigid: bool) -> StandInImages:
     avatar = StandInAvatar()
     cameras = [capture.camera(segment.frames[index], name) for name in CAMERAS]
-    return avatar.render(avatar.pose(capture.track(segment), index, rigid_hair=rigid), cameras)
+    return avatar.draw(avatar.pose(capture.track(segment), index, rigid_hair=rigid), cameras)
 
 
 def iou(first: np.ndarray, second: np.ndarray) -> float:

@@ -98,7 +98,7 @@ class SwingingHead:
         points = torch.from_numpy(world).float()
         return Posed(points, None) if self.has_strands else Posed(None, points.flatten(0, 1))
 
-    def render(self, posed: Posed, cameras: Sequence[Camera]) -> Images:
+    def draw(self, posed: Posed, cameras: Sequence[Camera]) -> Images:
         black = torch.zeros(len(cameras), cameras[0].height, cameras[0].width)
         return Images(black[..., None].expand(-1, -1, -1, 3), None)
 

@@ -51,8 +51,8 @@ class Strandless:
         posed = StandInAvatar().pose(track, frame)
         return Means(None, posed.strands.flatten(0, 1), posed)
 
-    def render(self, posed: Means, cameras: Sequence[Camera]) -> Colours:
-        return Colours(StandInAvatar().render(posed.posed, cameras).rgb, None)
+    def draw(self, posed: Means, cameras: Sequence[Camera]) -> Colours:
+        return Colours(StandInAvatar().draw(posed.posed, cameras).rgb, None)
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_figures_over_held_out_views_are_of_these_alone(evaluation: Evaluation) 
         for index in range(segment.count):
             cameras = [capture.camera(segment.frames[index], name) for name in CAMERAS]
             avatar = StandInAvatar()
-            drawn = avatar.render(avatar.pose(capture.track(segment), index), cameras).rgb.clamp(0.0, 1.0)[1]
+            drawn = avatar.draw(avatar.pose(capture.track(segment), index), cameras).rgb.clamp(0.0, 1.0)[1]
             truth = capture.view(segment.frames[index], "front").rgb
             errors.append(-10.0 * np.log10(np.mean((drawn - truth).numpy() ** 2)))
     written = json.loads(json.dumps(evaluation.to_json(), allow_nan=False))["held_out_views"]

@@ -67,7 +67,7 @@ def rendered(avatar: Avatar, capture: Path) -> torch.Tensor:
     data = Capture.open(capture)
     segment = data.segments[0]
     posed = avatar.pose(data.track(segment), 1)
-    return avatar.render(posed, [data.camera(segment.start + 1, name) for name in data.camera_names]).rgb
+    return avatar.draw(posed, [data.camera(segment.start + 1, name) for name in data.camera_names]).rgb
 
 
 def test_an_avatar_with_super_resolution_is_trained_at_the_larger_size(

@@ -49,7 +49,7 @@ def test_a_run_leaves_an_avatar_a_checkpoint_a_log_and_a_preview(capture: Path, 
     assert avatar.canonical_strands.shape[1:] == (10, 3)
     track = data.track(data.segment("nod"))
     posed = avatar.pose(track, 3)
-    images = avatar.render(posed, [data.camera(data.segment("nod").start + 3, name) for name in data.camera_names])
+    images = avatar.draw(posed, [data.camera(data.segment("nod").start + 3, name) for name in data.camera_names])
     assert images.rgb.shape == (3, 32, 32, 3)
     assert torch.isfinite(images.rgb).all()
     assert images.hair.max() > 0.5
@@ -111,7 +111,7 @@ def test_training_brings_the_avatar_closer_to_the_images(capture: Path, tmp_path
             frame = segment.start + index
             cameras = [data.camera(frame, name) for name in data.camera_names]
             with torch.no_grad():
-                images = avatar.render(avatar.pose(track, index), cameras)
+                images = avatar.draw(avatar.pose(track, index), cameras)
             truth = torch.stack([data.view(frame, name).rgb for name in data.camera_names])
             total += float((images.rgb - truth).abs().mean())
         return total / segment.count

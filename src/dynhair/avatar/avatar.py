@@ -146,7 +146,7 @@ class Avatar(nn.Module):
         strands = self.hair(window) @ pose.rotation.T + pose.translation
         return PosedAvatar(strands, self.head(pose))
 
-    def render(self, posed: PosedAvatar, cameras: Sequence[Camera]) -> AvatarImages:
+    def draw(self, posed: PosedAvatar, cameras: Sequence[Camera]) -> AvatarImages:
         """Draw hair and head together in one pass: colour, labels, hair direction.
 
         With super-resolution, the pass is smaller than the cameras' images by its factor; a network makes the colours

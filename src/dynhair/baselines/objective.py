@@ -75,7 +75,7 @@ class PhotometricObjective(nn.Module):
         config, weights = self.config, self.config.weights
         pose = head_pose(self._tracks[batch.segment], batch.index, self.head.background.device)
         posed = self.head.posed(pose.corrected(self.pose_corrections[self._first_frame[batch.segment] + batch.index]))
-        images = self.head.render(posed, batch.cameras)
+        images = self.head.draw(posed, batch.cameras)
         weighted = {
             "rgb": (weights.rgb, l1_loss(images.rgb, batch.rgb)),
             "ssim": (weights.ssim, ssim_loss(images.rgb, batch.rgb)),

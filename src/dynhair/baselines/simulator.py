@@ -130,9 +130,9 @@ class SimulatedAvatar:
         strands = self._interpolation(self.displacements(track)[frame])
         return dataclasses.replace(posed, strands=strands @ pose.rotation.T + pose.translation)
 
-    def render(self, posed: PosedAvatar, cameras: Sequence[Camera]) -> AvatarImages:
+    def draw(self, posed: PosedAvatar, cameras: Sequence[Camera]) -> AvatarImages:
         """Draw the posed avatar as the one that it was made from."""
-        return self.avatar.render(posed, cameras)
+        return self.avatar.draw(posed, cameras)
 
     def displacements(self, track: HeadTrack) -> Float[Tensor, "f g m 3"]:
         """What the guides' points have moved by since rest in every frame of a track, head frame, metres."""

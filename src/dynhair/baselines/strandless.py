@@ -109,7 +109,7 @@ class StrandlessHead(nn.Module, ABC):
         require_expressions(track, self.expression_size, self.expression_basis)
         return self.posed(head_pose(track, frame, self.background.device))
 
-    def render(self, posed: PosedGaussians, cameras: Sequence[Camera]) -> StrandlessImages:
+    def draw(self, posed: PosedGaussians, cameras: Sequence[Camera]) -> StrandlessImages:
         """Draw the posed head, at the cameras' size."""
         gaussians = Gaussians(posed.means, posed.quats, posed.scales, posed.opacities, self.colours(posed, cameras))
         drawn = rasterize(gaussians, cameras, background=self.background)

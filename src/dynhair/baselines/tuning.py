@@ -148,7 +148,7 @@ class HairOverlap:
         simulated = SimulatedAvatar(self._avatar, self._surface, parameters, TRIAL_GUIDES)
         overlaps = []
         for track, index, cameras, truth in self._scenes:
-            images = simulated.render(simulated.pose(track, index), cameras)
+            images = simulated.draw(simulated.pose(track, index), cameras)
             overlaps.append(silhouette_iou(silhouette(images.hair), truth))
         return torch.cat(overlaps).nanmean().item()
 

@@ -48,7 +48,7 @@ class DrivenHead(Protocol):
         """
         ...
 
-    def render(self, posed: Any, cameras: Sequence[Camera]) -> Any:
+    def draw(self, posed: Any, cameras: Sequence[Camera]) -> Any:
         """Images from the cameras: ``rgb (v, h, w, 3)`` and the hair's coverage ``hair (v, h, w)`` or None.
 
         The coverage of head and body, ``body (v, h, w)``, is measured where there is one.
@@ -199,7 +199,7 @@ def draw(avatar: DrivenHead, posed: Any, cameras: Sequence[Camera], where: str) 
         DynhairError: strands, Gaussians or images are not finite.
     """
     points = posed.means if posed.strands is None else posed.strands
-    rendered = avatar.render(posed, [camera.to(points.device) for camera in cameras])
+    rendered = avatar.draw(posed, [camera.to(points.device) for camera in cameras])
     hair, body = rendered.hair, getattr(rendered, "body", None)
     _require_finite(where, points, rendered.rgb, *(() if hair is None else (hair,)))
     coverages = [None if coverage is None else coverage.cpu() for coverage in (hair, body)]

@@ -219,6 +219,6 @@ def render_motion(
     with video_writer(out, capture.fps) as append:
         frames = enumerate(cameras)
         for index, view in track(frames, f"rendering {motion}", total=len(cameras), console=console, transient=True):
-            images = avatar.render(avatar.pose(head, index, rigid_hair=rigid_hair), [view])
+            images = avatar.draw(avatar.pose(head, index, rigid_hair=rigid_hair), [view])
             append(picture(images.rgb[0]))
     console.print(f"wrote {out}", highlight=False, soft_wrap=True)

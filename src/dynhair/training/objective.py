@@ -138,7 +138,7 @@ class JointObjective(nn.Module):
         posed = self.avatar.posed(pose, window)
         generator = torch.Generator().manual_seed(config.seed * 1_000_003 + step)
         contact = self._contact.begin(segment.start + batch.index, posed.strands, generator)
-        images = self.avatar.render(posed, batch.cameras)
+        images = self.avatar.draw(posed, batch.cameras)
 
         rest = self.avatar.canonical_strands.detach()
         rgb = agreed_colours(images, batch)
