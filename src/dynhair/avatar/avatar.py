@@ -21,6 +21,7 @@ from dynhair.avatar.head import Head, HeadGaussians, HeadStart
 from dynhair.avatar.head_pose import HeadPose, head_pose
 from dynhair.avatar.layers import layers
 from dynhair.avatar.model_folder import basis_of, load_model, save_model
+from dynhair.avatar.recording import Recording, recording_in
 from dynhair.avatar.scalp_layer import ScalpLayer
 from dynhair.avatar.super_resolution import SuperResolution
 from dynhair.camera import Camera
@@ -85,6 +86,7 @@ class Avatar(nn.Module):
         background: colour behind everything.
         scalp: what makes the skin under the hair count as hair; none by default.
         expression_basis: whose expression coefficients the avatar was trained with; None if that is not known.
+        recording: how the person was recorded; None if that is not known.
     """
 
     background: Tensor
@@ -97,6 +99,7 @@ class Avatar(nn.Module):
         background: Float[Tensor, "3"],
         scalp: ScalpLayer | None = None,
         expression_basis: ExpressionBasis | None = None,
+        recording: Recording | None = None,
     ) -> None:
         super().__init__()
         self.hair = hair
@@ -104,6 +107,7 @@ class Avatar(nn.Module):
         self.normalizer = normalizer
         self.scalp = ScalpLayer.blank(0) if scalp is None else scalp
         self.expression_basis = expression_basis
+        self.recording = recording
         factor = head.config.super_resolution
         self.super_resolution = None if factor == 1 else SuperResolution(head.config.colour_channels, factor)
         self.register_buffer("background", background.clone())
@@ -218,6 +222,7 @@ class Avatar(nn.Module):
             "deformer": dataclasses.asdict(self.hair.deformer.config),
             "head": dataclasses.asdict(self.head.config),
             "expression_basis": None if self.expression_basis is None else self.expression_basis.to_json(),
+            "recording": None if self.recording is None else self.recording.to_json(),
         }
         save_model(self, path, KIND, description, version=SCHEMA_VERSION)
 
@@ -243,4 +248,5 @@ class Avatar(nn.Module):
         head = Head(start, torch.zeros(1, 3), rest, HeadConfig(**description["head"]))
         scalp = ScalpLayer.blank(*tensors["scalp.strands"].shape)
         normalizer = SignalNormalizer(deformer)
-        return cls(hair, head, normalizer, torch.zeros(3), scalp, basis_of(description))
+        basis, recording = basis_of(description), recording_in(description)
+        return cls(hair, head, normalizer, torch.zeros(3), scalp, basis, recording)

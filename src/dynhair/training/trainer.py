@@ -34,6 +34,7 @@ from dynhair.training.memory import DYNAMIC_SETTINGS, MESH_SETTINGS, STATIC_SETT
 from dynhair.training.mesh_stage import MeshStage
 from dynhair.training.objective import JointObjective
 from dynhair.training.processes import Processes
+from dynhair.training.recording import capture_recording
 from dynhair.training.run import Run, read_hair, write_hair
 from dynhair.training.static_hair import StaticStage, strand_width
 
@@ -187,8 +188,8 @@ class _Training:
         normalizer = SignalNormalizer.fit([motion_signals(self.capture.track(s)) for s in self.segments], deformer)
         background = torch.from_numpy(self.capture.background).float()
         layer = ScalpLayer.under(strands[:, 0], head.means.detach(), started.scalp)
-        basis = self.capture.expression_basis
-        return Avatar(hair, head, normalizer, background, layer, basis), started.points, checkpoint
+        basis, recording = self.capture.expression_basis, capture_recording(self.capture)
+        return Avatar(hair, head, normalizer, background, layer, basis, recording), started.points, checkpoint
 
     def _perceptual_distance(self) -> PerceptualDistance | None:
         """What images are compared by, if that has a weight; its network is fetched once, by the first process."""
