@@ -1,0 +1,1 @@
+"""An avatar in motion, for other programs: splats, strands, scenes."""

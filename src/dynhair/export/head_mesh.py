@@ -1,0 +1,96 @@
+"""The head as a mesh: the tracker's surface, carried along by the avatar's Gaussians."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from dynhair.avatar import Head, HeadPose
+from dynhair.capture import Capture
+from dynhair.motion import so3_log
+from dynhair.training.frames import head_frame, rest_frame
+from dynhair.training.surface import tracked_surface
+
+NEIGHBOURS = 8
+LEAST_DISTANCE = 1e-3
+"""Metres. Gaussians nearer than this to a vertex have equal shares in it."""
+
+
+@dataclass(frozen=True)
+class HeadMesh:
+    """The surface of head and shoulders in the frame in which the hair is at rest.
+
+    Attributes:
+        vertices: head frame, metres.
+        faces: triangles, counter-clockwise seen from outside.
+    """
+
+    vertices: Float[Tensor, "v 3"]
+    faces: Int64[Tensor, "f 3"]
+
+    @classmethod
+    def of(cls, capture: Capture) -> HeadMesh:
+        """The tracked mesh of the capture that an avatar was trained on, or the open head in its place.
+
+        Raises:
+            DynhairError: there is no mesh, and the rest frame's landmarks are missing or do not form a face.
+        """
+        surface = tracked_surface(capture)
+        segment, index = rest_frame(capture)
+        vertices = surface.vertices(segment.start + index)
+        return cls(head_frame(capture.track(segment), index)(vertices), surface.faces)
+
+
+@dataclass(frozen=True)
+class BoundMesh:
+    """A mesh that moves as the head's Gaussians around each of its vertices do.
+
+    A vertex follows head and body by the mean weight of its nearest Gaussians, and is displaced by what they are
+    displaced by beyond that: so it takes up expressions and whatever the networks have learned, in any motion.
+
+    Attributes:
+        head: the avatar's.
+        rest: the mesh.
+        anchors: the head's Gaussians at rest, head frame, metres.
+        near: those that carry each vertex.
+        shares: of these in it; they sum to 1.
+    """
+
+    head: Head
+    rest: HeadMesh
+    anchors: Float[Tensor, "k 3"]
+    near: Int64[Tensor, "v q"]
+    shares: Float[Tensor, "v q"]
+
+    @classmethod
+    def to(cls, head: Head, mesh: HeadMesh) -> BoundMesh:
+        """Bind a mesh to the Gaussians nearest to it at rest."""
+        from pykdtree.kdtree import KDTree
+
+        skinning = head.skinning
+        rotation, translation = skinning.rest_rotation, skinning.rest_translation
+        with torch.no_grad():
+            means = head.world_means(HeadPose(rotation, translation, so3_log(rotation), head.modes.rest))
+        anchors = (means - translation) @ rotation
+        points = [np.ascontiguousarray(every.cpu().numpy(), np.float32) for every in (anchors, mesh.vertices)]
+        distances, near = KDTree(points[0]).query(points[1], k=min(NEIGHBOURS, len(anchors)))
+        weights = 1 / torch.from_numpy(distances.reshape(len(mesh.vertices), -1)).clamp_min(LEAST_DISTANCE).square()
+        shares = (weights / weights.sum(1, keepdim=True)).to(anchors)
+        indices = torch.from_numpy(near.reshape(len(mesh.vertices), -1).astype(np.int64)).to(anchors.device)
+        return cls(head, HeadMesh(mesh.vertices.to(anchors), mesh.faces), anchors, indices, shares)
+
+    def vertices(self, pose: HeadPose, means: Float[Tensor, "k 3"]) -> Float[Tensor, "v 3"]:
+        """The mesh in one frame, world, metres.
+
+        Args:
+            pose: the frame's.
+            means: the head's Gaussians in that frame, world, metres.
+        """
+        skinning, follow = self.head.skinning, self.head.follow
+        displaced = means - skinning.world(self.anchors, follow, pose)
+        carried = skinning.world(self.rest.vertices, (follow[self.near] * self.shares).sum(1), pose)
+        return carried + (displaced[self.near] * self.shares[..., None]).sum(1)
