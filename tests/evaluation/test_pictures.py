@@ -11,8 +11,8 @@ import pytest
 import torch
 
 from dynhair.evaluation.pictures import LARGEST_ERROR, error_picture, picture
-from dynhair.evaluation.video import video_writer
 from dynhair.pictures import grid
+from dynhair.video import video_writer
 
 
 def read_video(path: Path) -> tuple[list[np.ndarray], Fraction, str, str]:

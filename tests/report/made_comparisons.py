@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from dynhair.evaluation.video import video_writer
 from dynhair.pictures import grid
+from dynhair.video import video_writer
 
 SIZE = (48, 40)
 """Width and height of the evaluated images, which videos show as they are."""

@@ -10,9 +10,9 @@ import pytest
 from made_comparisons import FRAMES, GROUND, SIZE, write_video
 
 from dynhair.errors import DynhairError
-from dynhair.evaluation.video import video_writer
 from dynhair.pictures import Picture, grid
 from dynhair.report.clips import Clip, contact_sheet, write_clip, write_side_by_side
+from dynhair.video import video_writer
 
 ASPECT = SIZE[0] / SIZE[1]
 

@@ -12,7 +12,6 @@ from dynhair.evaluation.records import EvaluatedFrame, Evaluation, SegmentFigure
 from dynhair.evaluation.report import evaluation_table, hairstyle_table
 from dynhair.evaluation.run import RunEvaluation, render_motion, run_evaluation
 from dynhair.evaluation.strand_scores import StrandScore, strand_scores
-from dynhair.evaluation.video import video_writer
 
 __all__ = [
     "DEFINITIONS",
@@ -41,5 +40,4 @@ __all__ = [
     "silhouette_iou",
     "ssim",
     "strand_scores",
-    "video_writer",
 ]

@@ -14,9 +14,9 @@ from dynhair.capture import Capture, Segment
 from dynhair.evaluation.face import frontality
 from dynhair.evaluation.pictures import error_picture, fitted, picture
 from dynhair.evaluation.records import EvaluatedFrame, ReenactedFrame
-from dynhair.evaluation.video import video_writer
 from dynhair.pictures import Picture, grid
 from dynhair.storage import atomic_file
+from dynhair.video import video_writer
 
 SHEET_COLUMNS = 6
 SHEET_WIDTH = 1920

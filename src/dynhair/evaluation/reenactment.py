@@ -16,12 +16,13 @@ from dynhair.evaluation.motion_meter import MotionMeter
 from dynhair.evaluation.protocol import DrivenHead, draw
 from dynhair.evaluation.recorder import most_frontal_view
 from dynhair.evaluation.records import Evaluation, ReenactedFrame, SegmentFigures
-from dynhair.evaluation.retargeting import ON_HEAD, Rest, Retargeting
+from dynhair.evaluation.retargeting import ON_HEAD, Retargeting
 from dynhair.evaluation.segment_meter import posed_hair
 from dynhair.evaluation.series import Series
 from dynhair.evaluation.settling import sudden_stop
 from dynhair.evaluation.true_motion import RestingHair, in_head
 from dynhair.strands import MeshDistance
+from dynhair.training.rest import Rest
 
 OWN_FIGURES = (*SPEED_FIGURES, *PHYSICS_FIGURES, *PENETRATION_FIGURES, "stretch", "settling_s")
 """What is measured: the figures of a method's hair by itself."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float64
@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from dynhair.capture import Capture, HeadTrack, Segment
 from dynhair.errors import DynhairError
 from dynhair.evaluation.held_out import same_folder
-from dynhair.training.frames import rest_frame
+from dynhair.motion import RestAlignment
+from dynhair.training.rest import Rest
 
 ON_HEAD = 0.99
 """Vertices of a tracked mesh that follow the head by at least this are the head's."""
@@ -21,39 +22,8 @@ SAME_MESH, SAME_LANDMARKS = 2e-3, 4e-3
 with the expression."""
 
 
-@dataclass(frozen=True)
-class Rest:
-    """A head at rest.
-
-    Attributes:
-        segment: of the capture.
-        index: the frame's place in it.
-        track: of the segment.
-    """
-
-    segment: Segment
-    index: int
-    track: HeadTrack
-
-    @classmethod
-    def of(cls, capture: Capture) -> Rest:
-        """The frame in which a capture's hair is at rest."""
-        trains = any(segment.split == "train" for segment in capture.segments)
-        segment, index = rest_frame(capture) if trains else (capture.segments[0], 0)
-        return cls(segment, index, capture.track(segment))
-
-    @property
-    def frame(self) -> int:
-        """The frame's number in the capture."""
-        return self.segment.frames[self.index]
-
-
 class Retargeting:
-    """Moves a driver's tracks as a whole so that its head at rest is where the avatar's own is.
-
-    With poses R_t, T_t of the driver, rest poses R_0, T_0 of the driver and R*, T* of the avatar, and B = R* R_0^T, the
-    avatar's poses are ``B R_t`` and ``T* + B (T_t - T_0)``: whatever a neutral pose is in the frame of either head, the
-    motion starts from the avatar's own, before the avatar's own cameras and body. Gravity is the avatar's.
+    """Moves a driver's tracks as a whole so that its head at rest is the avatar's own; gravity is the avatar's.
 
     Args:
         own: the capture that the avatar was trained on.
@@ -67,8 +37,7 @@ class Retargeting:
         self._driver = driver
         self._own_rest, rest = Rest.of(own), Rest.of(driver)
         target, source = self._own_rest.track, rest.track
-        self._turn = target.rotations[self._own_rest.index] @ source.rotations[rest.index].T
-        self._from, self._to = source.translations[rest.index], target.translations[self._own_rest.index]
+        self._alignment = RestAlignment.between(rest.pose, self._own_rest.pose)
         why = _mismatch(target, source)
         self._neutral = why is not None
         self.expressions = "the driver's coefficients" if why is None else f"neutral throughout: {why}"
@@ -80,9 +49,7 @@ class Retargeting:
         if self._neutral:
             expressions = np.zeros((segment.count, target.expressions.shape[1]), np.float32)
         return replace(
-            source,
-            rotations=self._turn @ source.rotations,
-            translations=self._to + (source.translations - self._from) @ self._turn.T,
+            self._alignment.track(source),
             expressions=expressions,
             gravity=target.gravity,
             expression_basis=target.expression_basis,

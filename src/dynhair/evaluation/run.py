@@ -29,10 +29,10 @@ from dynhair.evaluation.reenactment import reenact
 from dynhair.evaluation.report import evaluation_table, hairstyle_table, reenactment_table
 from dynhair.evaluation.retargeting import another_person
 from dynhair.evaluation.series import write_series
-from dynhair.evaluation.video import video_writer
 from dynhair.storage import write_json
 from dynhair.threads import large_pieces
 from dynhair.training.run import Run, avatar_folder, read_hair
+from dynhair.video import video_writer
 
 METRICS = "metrics.json"
 SERIES_FILE = "series.npz"

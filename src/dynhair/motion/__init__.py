@@ -2,6 +2,7 @@
 
 from dynhair.motion.forces import HeadForces, head_forces
 from dynhair.motion.normalization import SignalNormalizer, signal_names
+from dynhair.motion.rest_alignment import RestAlignment
 from dynhair.motion.rotations import so3_exp, so3_log
 from dynhair.motion.signals import MotionSignals, motion_signals
 from dynhair.motion.windows import motion_window, motion_windows
@@ -9,6 +10,7 @@ from dynhair.motion.windows import motion_window, motion_windows
 __all__ = [
     "HeadForces",
     "MotionSignals",
+    "RestAlignment",
     "SignalNormalizer",
     "head_forces",
     "motion_signals",

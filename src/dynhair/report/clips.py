@@ -16,8 +16,8 @@ from av.error import FFmpegError
 from PIL import Image
 
 from dynhair.errors import DynhairError
-from dynhair.evaluation.video import video_writer
 from dynhair.pictures import Picture, grid
+from dynhair.video import video_writer
 
 WIDEST = 1600
 """Pixels: the widest video and contact sheet of a page."""
