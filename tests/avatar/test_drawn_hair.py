@@ -42,8 +42,9 @@ def test_values_and_gradients_are_those_of_the_plain_formulas(
     monkeypatch.setattr("dynhair.threads.thread_count", lambda: threads)
     plain = [tensor.requires_grad_() for tensor in hairstyle(strands, points)]
     quick = [tensor.detach().float().requires_grad_() for tensor in plain]
-    expected = plain_drawn_hair(plain[0], WIDTH, plain[1], plain[2], cameras(torch.float64))
-    found = drawn_hair(quick[0], WIDTH, quick[1], quick[2], cameras(torch.float32))
+    widths = WIDTH * torch.linspace(0.5, 2, strands, dtype=torch.float64)
+    expected = plain_drawn_hair(plain[0], widths, plain[1], plain[2], cameras(torch.float64))
+    found = drawn_hair(quick[0], widths.float(), quick[1], quick[2], cameras(torch.float32))
     for some, others in zip(found, expected, strict=True):
         torch.testing.assert_close(some.double(), others, rtol=1e-4, atol=1e-4)  # end on, float32 sees little
 
@@ -62,7 +63,7 @@ def test_a_segment_without_length_has_finite_gradients() -> None:
     strands, base, higher = (tensor.float() for tensor in hairstyle(2, 6))
     strands[0, 2] = strands[0, 3]
     strands.requires_grad_()
-    hair = drawn_hair(strands, WIDTH, base, higher, cameras(torch.float32))
+    hair = drawn_hair(strands, torch.full((len(strands),), WIDTH), base, higher, cameras(torch.float32))
     sum(values.sum() for values in hair).backward()  # pyright: ignore[reportAttributeAccessIssue]
     assert strands.grad is not None
     assert strands.grad.isfinite().all()
@@ -71,7 +72,7 @@ def test_a_segment_without_length_has_finite_gradients() -> None:
 @pytest.mark.parametrize(("strands", "points"), [(0, 5), (3, 1)])
 def test_hair_without_segments_draws_nothing(strands: int, points: int) -> None:
     given = [tensor.float().requires_grad_() for tensor in hairstyle(strands, points)]
-    hair = drawn_hair(given[0], WIDTH, given[1], given[2], cameras(torch.float32))
+    hair = drawn_hair(given[0], torch.full((len(given[0]),), WIDTH), given[1], given[2], cameras(torch.float32))
     assert [len(hair.means), len(hair.quats), len(hair.scales)] == [0, 0, 0]
     assert hair.features.shape == (2, 0, 7)
     hair.features.sum().backward()
@@ -87,7 +88,7 @@ def test_tensors_may_lie_in_memory_in_any_order() -> None:
     found = []
     for strands, base, higher in (given, strewn):
         strands.requires_grad_()
-        hair = drawn_hair(strands, WIDTH, base, higher, cameras(torch.float32))
+        hair = drawn_hair(strands, torch.full((len(strands),), WIDTH), base, higher, cameras(torch.float32))
         (hair.features.square().sum() + hair.means.mT.contiguous().mT.square().sum()).backward()
         found.append((*hair, strands.grad))
     for one, other in zip(*found, strict=True):
@@ -99,12 +100,14 @@ def test_tensors_may_lie_in_memory_in_any_order() -> None:
 def test_harmonics_of_another_hairstyle_are_refused() -> None:
     strands, (_, base, higher) = hairstyle(3, 6)[0], hairstyle(3, 5)
     with pytest.raises(DynhairError, match=r"`base` has the shape \(1, 3, 12\)\nexpected: \(1, 3, 15\)"):
-        drawn_hair(strands.float(), WIDTH, base.float(), higher.float(), cameras(torch.float32))
+        drawn_hair(strands.float(), torch.full((3,), WIDTH), base.float(), higher.float(), cameras(torch.float32))
 
 
 def test_a_colour_does_not_move_what_it_is_the_colour_of() -> None:
     strands, base, higher = (tensor.float() for tensor in hairstyle(3, 6))
     for draw in (drawn_hair, plain_drawn_hair):
         strands = strands.detach().requires_grad_()
-        draw(strands, WIDTH, base, higher, cameras(torch.float32)).features[..., COLOURS].sum().backward()
+        draw(strands, torch.full((3,), WIDTH), base, higher, cameras(torch.float32)).features[
+            ..., COLOURS
+        ].sum().backward()
         assert strands.grad is None or not strands.grad.any()

@@ -15,7 +15,7 @@ def test_skin_at_a_root_is_that_strands_colour_and_bare_skin_is_bare() -> None:
     means = torch.tensor([[9.0, 9, 9], [0.0, 0, 0], [0.0, 0.04, 0], [0.002, 0, 0]])
     layer = ScalpLayer.under(roots(), means, torch.tensor([1, 2, 3]))
     colours = torch.rand(2, 5, 6, 3)
-    rows, cover, seen = layer(colours.flatten(1, 2), 5)
+    rows, cover, seen = layer(colours.flatten(1, 2), torch.arange(5), 5)
     assert rows.tolist() == [1, 2, 3]
     near_root = colours[:, :, :4].mean(2)
     torch.testing.assert_close(seen[:, 0], near_root[:, 0], atol=0.05, rtol=0)
@@ -36,15 +36,29 @@ def test_shares_fall_with_distance_and_sum_to_one() -> None:
 def test_the_hair_is_not_coloured_by_the_skin() -> None:
     layer = ScalpLayer.under(roots(), torch.zeros(3, 3), torch.arange(3))
     colours = torch.rand(1, 10, 3, requires_grad=True)
-    _, cover, seen = layer(colours, 5)
+    _, cover, seen = layer(colours, torch.arange(5), 5)
     (seen.sum() * cover.sum()).backward()
     assert colours.grad is None or not colours.grad.any()
     assert layer.cover_logits.grad is not None
     assert layer.cover_logits.grad.all()
 
 
+def test_skin_whose_strands_are_missing_is_bare_by_their_shares() -> None:
+    means = torch.tensor([[0.0, 0, 0], [0.002, 0, 0], [0.065, 0, 0]])
+    layer = ScalpLayer.under(roots(), means, torch.arange(3))
+    colours = torch.rand(1, 5, 6, 3)
+    whole = layer(colours.flatten(1, 2), torch.arange(5), 5)
+    kept = torch.tensor([1, 4])
+    thinned = layer(colours[:, kept].flatten(1, 2), kept, 5)
+    shares = torch.stack([(layer.shares * (layer.strands == strand)).sum(1) for strand in kept], 1)
+    torch.testing.assert_close(thinned.cover, whole.cover * shares.sum(1))
+    assert thinned.cover[0] < 0.05
+    near_root = colours[0, kept, :4].mean(1)
+    torch.testing.assert_close(thinned.colours[0], shares @ near_root / shares.sum(1, keepdim=True))
+
+
 def test_a_layer_over_nothing_and_of_few_strands() -> None:
-    rows, _, colours = ScalpLayer.blank(0)(torch.rand(2, 10, 3), 5)
+    rows, _, colours = ScalpLayer.blank(0)(torch.rand(2, 10, 3), torch.arange(5), 5)
     assert len(rows) == 0
     assert colours.shape == (2, 0, 3)
     few = ScalpLayer.under(roots()[:1], torch.zeros(2, 3), torch.arange(2))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from torch import Tensor, nn
 
 from dynhair.avatar.deformer import HairDeformer
@@ -27,6 +27,7 @@ from dynhair.avatar.super_resolution import SuperResolution
 from dynhair.camera import Camera
 from dynhair.capture import ExpressionBasis, HeadTrack
 from dynhair.config import DeformerConfig, HeadConfig
+from dynhair.editing.hair_look import HairLook
 from dynhair.errors import DynhairError
 from dynhair.motion import SignalNormalizer, motion_signals, motion_window
 from dynhair.render import Gaussians, rasterize
@@ -43,10 +44,12 @@ class PosedAvatar:
     Attributes:
         strands: in the world, metres.
         head: the head's Gaussians, in the world.
+        hair: which of the avatar's strands these are, how wide, and in which colours.
     """
 
-    strands: Float[Tensor, "n l 3"]
+    strands: Float[Tensor, "m l 3"]
     head: HeadGaussians
+    hair: HairLook
 
 
 class AvatarImages(NamedTuple):
@@ -147,8 +150,11 @@ class Avatar(nn.Module):
 
     def posed(self, pose: HeadPose, window: Float[Tensor, "t c"] | None) -> PosedAvatar:
         """The avatar in a given pose, with hair under the given motion conditions (None: rigid)."""
-        strands = self.hair(window) @ pose.rotation.T + pose.translation
-        return PosedAvatar(strands, self.head(pose))
+        return self.with_strands(self.hair(window) @ pose.rotation.T + pose.translation, self.head(pose))
+
+    def with_strands(self, strands: Float[Tensor, "n l 3"], head: HeadGaussians) -> PosedAvatar:
+        """The avatar with all of its strands, in any shape, and head as given in the world."""
+        return PosedAvatar(strands, head, self.hair.look)
 
     def draw(self, posed: PosedAvatar, cameras: Sequence[Camera]) -> AvatarImages:
         """Draw hair and head together in one pass: colour, labels, hair direction.
@@ -160,12 +166,11 @@ class Avatar(nn.Module):
             DynhairError: with super-resolution, the images' sides are not multiples of its factor.
         """
         drawn = self._drawn_cameras(cameras)
-        head = posed.head
-        own = self.hair
-        hair = drawn_hair(posed.strands, own.width, own.base_harmonic, own.higher_harmonics, drawn)
+        head, look = posed.head, posed.hair
+        hair = drawn_hair(posed.strands, look.widths, look.base_harmonic, look.higher_harmonics, drawn)
         extra = self.head.config.colour_channels - 3
         hair_features = nn.functional.pad(hair.features, (0, extra)) if extra else hair.features
-        head_features = self._head_features(head, hair.features[..., COLOURS], len(posed.strands))
+        head_features = self._head_features(head, hair.features[..., COLOURS], look.ids)
         gaussians = Gaussians(
             means=torch.cat([hair.means, head.means]),
             quats=torch.cat([hair.quats, head.quats]),
@@ -198,12 +203,12 @@ class Avatar(nn.Module):
         return [camera.resized(width // factor, height // factor) for camera in cameras]
 
     def _head_features(
-        self, head: HeadGaussians, hair_colours: Float[Tensor, "v g 3"], strands: int
+        self, head: HeadGaussians, hair_colours: Float[Tensor, "v g 3"], ids: Int64[Tensor, " m"]
     ) -> Float[Tensor, "v k f"]:
         """Labels, direction and colours of the head's Gaussians; the scalp's are partly hair, of no direction."""
         count, channels = head.colours.shape
         own = torch.cat([head.colours.new_tensor([0.0, 1.0, 0.0, 0.0]).expand(count, 4), head.colours], 1)
-        rows, cover, colours = self.scalp(hair_colours, strands)
+        rows, cover, colours = self.scalp(hair_colours, ids, len(self.hair.strands))
         as_hair = colours.new_tensor([1.0, 0.0, 0.0, 0.0]).expand(*colours.shape[:2], 4)
         as_hair = nn.functional.pad(torch.cat([as_hair, colours], -1), (0, channels - 3))
         covered = torch.lerp(own[rows].expand_as(as_hair), as_hair, cover[:, None])

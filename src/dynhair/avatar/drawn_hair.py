@@ -45,7 +45,7 @@ class DrawnHair(NamedTuple):
 
 def drawn_hair(
     strands: Float[Tensor, "m l 3"],
-    width: float,
+    widths: Float[Tensor, " m"],
     base: Float[Tensor, "1 3 n"],
     higher: Float[Tensor, "15 3 n"],
     cameras: Sequence[Camera],
@@ -56,33 +56,33 @@ def drawn_hair(
 
     Args:
         strands: world, metres.
-        width: of a strand, metres; it narrows towards the root.
+        widths: of the strands, metres; they narrow towards the root, and get no gradient.
         base: harmonics of degree 0.
         higher: of degrees 1 to 3.
         cameras: the views; they get no gradient.
 
     Raises:
-        DynhairError: the harmonics are not those of these strands' Gaussians.
+        DynhairError: the widths or harmonics are not those of these strands.
     """
     count = strands.shape[0] * (strands.shape[1] - 1)
-    require_shapes(base=(base, (1, 3, count)), higher=(higher, (15, 3, count)))
-    given = strands, base, higher
+    require_shapes(widths=(widths, strands.shape[:1]), base=(base, (1, 3, count)), higher=(higher, (15, 3, count)))
+    given = strands, base, higher, widths
     if any(tensor.dtype != torch.float32 or tensor.device.type != "cpu" for tensor in given):
-        return plain_drawn_hair(strands, width, base, higher, cameras)
+        return plain_drawn_hair(strands, widths, base, higher, cameras)
     views = torch.stack([_packed(camera) for camera in cameras])
-    widths = width / 2 * root_taper(strands.shape[1] - 1).to(strands)
-    return DrawnHair(*_DrawnHair.apply(*(tensor.contiguous() for tensor in given), widths, views))
+    taper = root_taper(strands.shape[1] - 1).float()
+    return DrawnHair(*_DrawnHair.apply(*(tensor.contiguous() for tensor in given), taper, views))
 
 
 def plain_drawn_hair(
     strands: Float[Tensor, "m l 3"],
-    width: float,
+    widths: Float[Tensor, " m"],
     base: Float[Tensor, "1 3 n"],
     higher: Float[Tensor, "15 3 n"],
     cameras: Sequence[Camera],
 ) -> DrawnHair:
     """The same in PyTorch, on any device."""
-    hair = strand_gaussians(strands, width, root_taper(strands.shape[1] - 1))
+    hair = strand_gaussians(strands, widths, root_taper(strands.shape[1] - 1))
     eyes = torch.stack([camera.centre for camera in cameras])
     # a colour must not move what it is the colour of
     sights = nn.functional.normalize(hair.means.detach() - eyes[:, None], dim=-1)
@@ -94,15 +94,15 @@ def plain_drawn_hair(
 
 class _DrawnHair(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, strands: Tensor, base: Tensor, higher: Tensor, widths: Tensor, views: Tensor) -> Any:
+    def forward(
+        ctx: Any, strands: Tensor, base: Tensor, higher: Tensor, widths: Tensor, taper: Tensor, views: Tensor
+    ) -> Any:
         (count, points, _), seen = strands.shape, len(views)
         n = count * (points - 1)
         means, quats, scales, features = (strands.new_empty(shape) for shape in ((n, 3), (n, 4), (n, 3), (seen, n, 7)))
-        kernel = _forward()
+        kernel, written = _forward(), (means, quats, scales, features)
         run(
-            partial(
-                kernel, *some, count, points, seen, strands, widths, views, base, higher, means, quats, scales, features
-            )
+            partial(kernel, *some, count, points, seen, strands, widths, taper, views, base, higher, *written)
             for some in shares(count)
         )
         ctx.save_for_backward(strands, views, features)
@@ -133,7 +133,7 @@ class _DrawnHair(torch.autograd.Function):
             )
             for some in shares(count)
         )
-        return of_strands, of_base, of_higher, None, None
+        return of_strands, of_base, of_higher, None, None, None
 
 
 def _packed(camera: Camera) -> Float[Tensor, "16"]:
@@ -144,7 +144,7 @@ def _packed(camera: Camera) -> Float[Tensor, "16"]:
 
 
 def _forward() -> Kernel:
-    arrays = "strands widths cameras base higher means quats scales features"
+    arrays = "strands widths taper cameras base higher means quats scales features"
     return compiled(_SOURCES / "strands.cpp", _SOURCES / "draw_strands.cpp", integers=_INTEGERS, arrays=arrays)
 
 

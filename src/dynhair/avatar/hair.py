@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from dynhair.avatar.deformer import HairDeformer
 from dynhair.avatar.spherical_harmonics import COEFFICIENTS, constant_coefficient
 from dynhair.config import DeformerConfig
+from dynhair.editing.hair_look import HairLook
 from dynhair.strands import smooth_strands
 
 
@@ -46,6 +47,13 @@ class Hair(nn.Module):
         count = canonical.shape[0] * (canonical.shape[1] - 1)
         self.base_harmonic = nn.Parameter(constant_coefficient(colour)[None, :, None].repeat(1, 1, count))
         self.higher_harmonics = nn.Parameter(torch.zeros(COEFFICIENTS - 1, 3, count))
+
+    @property
+    def look(self) -> HairLook:
+        """All strands, as they were trained."""
+        count, device = len(self.strands), self.strands.device
+        widths = torch.full((count,), self.width, dtype=self.strands.dtype, device=device)
+        return HairLook(torch.arange(count, device=device), widths, self.base_harmonic, self.higher_harmonics)
 
     def forward(self, window: Float[Tensor, "t c"] | None) -> Float[Tensor, "n l 3"]:
         """Strands in the head frame, metres.

@@ -45,7 +45,7 @@ def root_taper(segments: int, *, length: int = 4, root: float = 0.25) -> Float[T
 
 
 def strand_gaussians(
-    strands: Float[Tensor, "n l 3"], width: float, taper: Float[Tensor, " s"] | None = None
+    strands: Float[Tensor, "n l 3"], width: float | Float[Tensor, " n"], taper: Float[Tensor, " s"] | None = None
 ) -> StrandGaussians:
     """Put a Gaussian on each segment of each strand.
 
@@ -57,7 +57,7 @@ def strand_gaussians(
 
     Args:
         strands: polylines, metres.
-        width: full width of a strand, metres; the standard deviation across is half of it.
+        width: full width of a strand, metres, of all or of each; the standard deviation across is half of it.
         taper: factor on the width of each of the ``L - 1`` segments, see :func:`root_taper`; 1 if not given.
 
     Returns:
@@ -70,7 +70,7 @@ def strand_gaussians(
     half_cosine = torch.sqrt(0.5 + 0.5 * x.abs())
     half_sine = torch.copysign(0.5 / half_cosine, x)
 
-    across = torch.full_like(length, width / 2)
+    across = torch.as_tensor(width / 2, dtype=length.dtype, device=length.device)[..., None].expand_as(length)
     if taper is not None:
         across = across * taper.to(length)
     return StrandGaussians(

@@ -1,6 +1,6 @@
 // Strands [first, last) -> their Gaussians, and what each view sees of them.
 //
-// strands         (count, points, 3), widths (points - 1,): standard deviations across
+// strands         (count, points, 3), widths (count,), taper (points - 1,): factors on a strand's width
 // cameras         (views, 16)
 // base, higher    (3, n) and (15, 3, n): harmonics of the n Gaussians
 // means, quats, scales (n, 3), (n, 4), (n, 3); features (views, n, 7)
@@ -15,7 +15,7 @@ for (int strand = first; strand < last; ++strand)
         Segments s;
         s.enter(a, b);
         alignas(64) float across[16];
-        for (int l = 0; l < 16; ++l) across[l] = widths[l < some ? segment + l : segment];
+        for (int l = 0; l < 16; ++l) across[l] = 0.5f * widths[strand] * taper[l < some ? segment + l : segment];
         const Vec mean[3] = {s.middle(0), s.middle(1), s.middle(2)};
         const Vec quat[4] = {s.half_cosine, 0.0f, -s.half_sine * s.direction[2], s.half_sine * s.direction[1]};
         const Vec scale[3] = {0.5f * s.length, *(const Vec*)across, *(const Vec*)across};
