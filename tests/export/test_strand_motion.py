@@ -150,3 +150,8 @@ def test_a_track_of_another_face_model_is_refused(avatar: Avatar) -> None:
     track = replace(head_track(Rotation.identity(FRAMES).as_matrix()), expressions=np.zeros((FRAMES, 7), np.float32))
     with pytest.raises(DynhairError, match="7 expression coefficients"):
         strand_motion(avatar, track)
+
+
+def test_a_motion_without_frames_is_refused(avatar: Avatar) -> None:
+    with pytest.raises(DynhairError, match="no frames"):
+        strand_motion(avatar, head_track(), [])

@@ -102,15 +102,18 @@ def strand_motion(
         rigid_hair: keep the hair in its canonical shape.
 
     Raises:
-        DynhairError: the track is of another face model than the avatar was trained with.
+        DynhairError: there are no frames, or the track is of another face model than the avatar was trained with.
     """
     require_expressions(track, avatar.head.expression_size, avatar.expression_basis)
     chosen = list(range(len(track.rotations)) if frames is None else frames)
     device = avatar.background.device
+    if not chosen:
+        raise DynhairError("the motion has no frames", expected="one or more")
     surface = None if mesh is None else BoundMesh.to(avatar.head, mesh)
     with torch.no_grad():
         conditions = avatar.conditions(track)
-        roots = avatar.canonical_strands[:, 0]
+        first = avatar.posed(head_pose(track, chosen[0], device), None)
+    look, points = first.hair, first.strands.shape[1]
 
     def at(index: int) -> MotionFrame:
         pose = head_pose(track, chosen[index], device)
@@ -119,14 +122,13 @@ def strand_motion(
             head = None if surface is None else _array(surface.vertices(pose, posed.head.means))
         return MotionFrame(_array(posed.strands), head)
 
-    count, points = avatar.canonical_strands.shape[:2]
     return StrandMotion(
         at=at,
         fps=track.fps,
-        widths=_array(avatar.hair.width * point_taper(points).expand(count, -1)),
-        colours=_array(point_colours(avatar.hair.base_harmonic, count)),
-        root_uvs=_array(root_uvs(roots)),
-        ids=np.arange(count),
+        widths=_array(look.widths[:, None] * point_taper(points).to(device)),
+        colours=_array(point_colours(look.base_harmonic, len(look.ids))),
+        root_uvs=_array(root_uvs(avatar.canonical_strands[:, 0])[look.ids]),
+        ids=look.ids.cpu().numpy(),
         head_transforms=_transforms(track, chosen),
         head_faces=None if mesh is None else mesh.faces.numpy(),
     )
