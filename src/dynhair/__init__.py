@@ -13,15 +13,22 @@ from typing import TYPE_CHECKING, Any
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 if TYPE_CHECKING:
-    from dynhair.avatar import Avatar
+    from dynhair.avatar import Avatar, LiveAvatar, Recording
     from dynhair.capture import Capture
     from dynhair.config import PRESETS
     from dynhair.training import train
 
 __version__ = "0.1.0"
-__all__ = ["PRESETS", "Avatar", "Capture", "train"]
+__all__ = ["PRESETS", "Avatar", "Capture", "LiveAvatar", "Recording", "train"]
 
-_HOMES = {"Avatar": "avatar", "Capture": "capture", "PRESETS": "config", "train": "training"}
+_HOMES = {
+    "Avatar": "avatar",
+    "Capture": "capture",
+    "LiveAvatar": "avatar",
+    "PRESETS": "config",
+    "Recording": "avatar",
+    "train": "training",
+}
 
 
 def __getattr__(name: str) -> Any:

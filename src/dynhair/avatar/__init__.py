@@ -6,6 +6,7 @@ from dynhair.avatar.expression_modes import ExpressionModes
 from dynhair.avatar.hair import Hair
 from dynhair.avatar.head import Head, HeadGaussians, HeadStart
 from dynhair.avatar.head_pose import HeadPose, head_pose
+from dynhair.avatar.live import LiveAvatar
 from dynhair.avatar.recording import Recording
 from dynhair.avatar.scalp_layer import ScalpLayer
 
@@ -19,6 +20,7 @@ __all__ = [
     "HeadGaussians",
     "HeadPose",
     "HeadStart",
+    "LiveAvatar",
     "PosedAvatar",
     "Recording",
     "ScalpLayer",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,12 +15,14 @@ from torch import Tensor, nn
 
 from dynhair.avatar.deformer import HairDeformer
 from dynhair.avatar.drawn_hair import COLOURS, drawn_hair
+from dynhair.avatar.driving_pose import Array, RigidPose, rigid_parts
 from dynhair.avatar.expression_match import require_expressions
 from dynhair.avatar.expression_modes import ExpressionModes
 from dynhair.avatar.hair import Hair
 from dynhair.avatar.head import Head, HeadGaussians, HeadStart
 from dynhair.avatar.head_pose import HeadPose, head_pose
 from dynhair.avatar.layers import layers
+from dynhair.avatar.live import SETTLED, LiveAvatar
 from dynhair.avatar.model_folder import basis_of, load_model, save_model
 from dynhair.avatar.recording import Recording, recording_in
 from dynhair.avatar.scalp_layer import ScalpLayer
@@ -27,7 +30,7 @@ from dynhair.avatar.super_resolution import SuperResolution
 from dynhair.camera import Camera
 from dynhair.capture import ExpressionBasis, HeadTrack
 from dynhair.config import DeformerConfig, HeadConfig
-from dynhair.editing.hair_look import HairLook
+from dynhair.editing import CanonicalHair, Edit, EditedHair, HairLook, edits_from_json
 from dynhair.errors import DynhairError
 from dynhair.motion import SignalNormalizer, motion_signals, motion_window
 from dynhair.render import Gaussians, rasterize
@@ -90,6 +93,9 @@ class Avatar(nn.Module):
         scalp: what makes the skin under the hair count as hair; none by default.
         expression_basis: whose expression coefficients the avatar was trained with; None if that is not known.
         recording: how the person was recorded; None if that is not known.
+
+    Attributes:
+        edits: what is changed of the hair after it has been moved, see :meth:`edited`.
     """
 
     background: Tensor
@@ -111,6 +117,8 @@ class Avatar(nn.Module):
         self.scalp = ScalpLayer.blank(0) if scalp is None else scalp
         self.expression_basis = expression_basis
         self.recording = recording
+        self.edits: tuple[Edit, ...] = ()
+        self._edited_hair: EditedHair | None = None
         factor = head.config.super_resolution
         self.super_resolution = None if factor == 1 else SuperResolution(head.config.colour_channels, factor)
         self.register_buffer("background", background.clone())
@@ -153,8 +161,81 @@ class Avatar(nn.Module):
         return self.with_strands(self.hair(window) @ pose.rotation.T + pose.translation, self.head(pose))
 
     def with_strands(self, strands: Float[Tensor, "n l 3"], head: HeadGaussians) -> PosedAvatar:
-        """The avatar with all of its strands, in any shape, and head as given in the world."""
-        return PosedAvatar(strands, head, self.hair.look)
+        """The avatar with all of its strands, in any shape, and head as given in the world, and then edited."""
+        if not self.edits:
+            return PosedAvatar(strands, head, self.hair.look)
+        edited = self._after_edits()
+        return PosedAvatar(edited(strands), head, edited.look)
+
+    def edited(self, *edits: Edit) -> Avatar:
+        """The avatar with further edits of its hair, in :meth:`posed` and wherever it is drawn; tensors are shared.
+
+        Edits are worked out once, from the hair as it then is: edit an avatar that is trained.
+
+        Raises:
+            DynhairError: an edit does not fit the hair.
+        """
+        return self.with_edits((*self.edits, *edits))
+
+    def with_edits(self, edits: Sequence[Edit]) -> Avatar:
+        """The avatar with these edits in the place of all that it has; none undoes them."""
+        other = copy.copy(self)
+        other.edits, other._edited_hair = tuple(edits), None
+        other._after_edits()  # refuses edits that do not fit
+        return other
+
+    def _after_edits(self) -> EditedHair:
+        """What the edits make of the strands, worked out once on a device."""
+        made, like = self._edited_hair, self.hair.base_harmonic
+        if made is None or (made.look.base_harmonic.device, made.look.base_harmonic.dtype) != (like.device, like.dtype):
+            # ordinary tensors, whatever mode the avatar is first posed in
+            with torch.inference_mode(False), torch.no_grad():
+                hair = CanonicalHair.of(self.canonical_strands, self.hair.look)
+                for edit in self.edits:
+                    hair = edit.apply(hair)
+                made = self._edited_hair = EditedHair(hair)
+        return made
+
+    def live(self, fps: float | None = None, delay: int = SETTLED) -> LiveAvatar:
+        """Drive the avatar one head pose at a time, see :class:`~dynhair.avatar.live.LiveAvatar`.
+
+        Args:
+            fps: frames per second of the motion; that of the avatar's recording by default.
+            delay: frames that the result is late: 2 for that of :meth:`pose`, 0 for an answer at once.
+
+        Raises:
+            DynhairError: no frame rate is given or known, or the delay is another.
+        """
+        return LiveAvatar(self, fps, delay)
+
+    @torch.no_grad()
+    def render(
+        self, pose: RigidPose, expression: Array | None = None, camera: Camera | None = None
+    ) -> Float[Tensor, "h w 3"]:
+        """One image of the avatar holding still: its hair hangs at rest under the pose's gravity.
+
+        Args:
+            pose: of the head: a :class:`HeadPose`, a matrix (4, 4) from the head frame to the world, or rotation (3, 3)
+                and translation (3,) in metres.
+            expression: coefficients of the face model; by default the pose's own, or those of the rest frame.
+            camera: who looks; the recording's most frontal camera by default.
+
+        Returns:
+            sRGB in [0, 1] over the avatar's background.
+
+        Raises:
+            DynhairError: the pose is none, the expression is of another face model, or no camera is given or known.
+        """
+        if camera is None:
+            if self.recording is None:
+                raise DynhairError("the avatar does not say where it was recorded from", mend="name a camera")
+            camera = self.recording.camera
+        if expression is None and isinstance(pose, HeadPose):
+            expression = pose.expression
+        still = self.live(fps=1.0, delay=0)  # one frame has no velocity, whatever the frame rate
+        posed = still.step(*rigid_parts(pose), expression)
+        assert posed is not None
+        return self.draw(posed, [camera.to(self.background.device)]).rgb[0].clamp(0, 1)
 
     def draw(self, posed: PosedAvatar, cameras: Sequence[Camera]) -> AvatarImages:
         """Draw hair and head together in one pass: colour, labels, hair direction.
@@ -228,6 +309,7 @@ class Avatar(nn.Module):
             "head": dataclasses.asdict(self.head.config),
             "expression_basis": None if self.expression_basis is None else self.expression_basis.to_json(),
             "recording": None if self.recording is None else self.recording.to_json(),
+            "edits": [edit.to_json() for edit in self.edits],
         }
         save_model(self, path, KIND, description, version=SCHEMA_VERSION)
 
@@ -254,4 +336,6 @@ class Avatar(nn.Module):
         scalp = ScalpLayer.blank(*tensors["scalp.strands"].shape)
         normalizer = SignalNormalizer(deformer)
         basis, recording = basis_of(description), recording_in(description)
-        return cls(hair, head, normalizer, torch.zeros(3), scalp, basis, recording)
+        avatar = cls(hair, head, normalizer, torch.zeros(3), scalp, basis, recording)
+        avatar.edits = edits_from_json(description.get("edits", []))
+        return avatar
