@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from dynhair.avatar.deformer import HairDeformer
 from dynhair.avatar.spherical_harmonics import COEFFICIENTS, constant_coefficient
 from dynhair.config import DeformerConfig
-from dynhair.editing.hair_look import HairLook
+from dynhair.editing import HairLook
 from dynhair.strands import smooth_strands
 
 
