@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from dynhair.baselines.simulator_guides import GuideInterpolation, resampled, spread_guides
+from dynhair.baselines.simulator_guides import GuideInterpolation, spread_guides, unkinked
 from dynhair.baselines.simulator_motion import RigidMotion
+from dynhair.strands import bending_angles
 
 
 def hairstyle(count: int, seed: int = 0) -> torch.Tensor:
@@ -31,24 +32,40 @@ def test_a_strands_displacement_is_a_convex_combination_of_its_nearest_guides(se
     chosen = distance.gather(1, interpolation.nearest)
     torch.testing.assert_close(chosen, distance.sort(1).values[:, : chosen.shape[1]])
 
-    moved = hairstyle(12, seed + 1)
+    moved = hairstyle(12, seed + 1)[:, :1].expand(-1, 9, -1)
     displacement = interpolation(moved) - strands
-    theirs = moved[interpolation.nearest]
+    theirs = moved[interpolation.nearest]  # all of a guide moves alike
     assert (displacement <= theirs.amax(1) + 1e-5).all()
     assert (displacement >= theirs.amin(1) - 1e-5).all()
 
 
-def test_guides_follow_themselves_alone() -> None:
+def test_guides_follow_themselves_alone_by_the_share_of_their_length() -> None:
     strands = hairstyle(30)
     guides = spread_guides(strands[:, 0], 12)
-    moved = torch.randn(12, 9, 3, generator=torch.Generator().manual_seed(1))
-    torch.testing.assert_close(GuideInterpolation(strands, guides)(moved)[guides], strands[guides] + moved)
+    moved = torch.randn(12, 5, 3, generator=torch.Generator().manual_seed(1))
+    followed = (GuideInterpolation(strands, guides)(moved) - strands)[guides].numpy()
+    for strand, given_by, displaced in zip(strands[guides].numpy(), moved.numpy(), followed, strict=True):
+        along = np.concatenate([[0.0], np.linalg.norm(np.diff(strand, axis=0), axis=1).cumsum()])
+        expected = [np.interp(along / along[-1], np.linspace(0.0, 1.0, 5), given_by[:, axis]) for axis in range(3)]
+        np.testing.assert_allclose(displaced, np.stack(expected, 1), atol=2e-5)
 
 
 def test_guides_at_rest_leave_the_hairstyle_as_it_is() -> None:
     strands = hairstyle(30)
     guides = spread_guides(strands[:, 0], 12)
     assert torch.equal(GuideInterpolation(strands, guides)(torch.zeros(12, 4, 3)), strands)
+
+
+def test_only_kinked_guides_are_smoothed_and_keep_their_ends() -> None:
+    straight = torch.linspace(0.0, 0.3, 16)[:, None] * torch.tensor([0.0, -1.0, 0.0])
+    folded = straight.clone()
+    folded[:2] = torch.tensor([[0.0, -0.06, 0.0], [0.0, -0.07, 0.0]])  # up from -0.07 to -0.04, after which it falls
+    guides = torch.stack([straight, folded])
+    smooth = unkinked(guides)
+    assert bending_angles(guides)[1].max() > 3.0
+    assert bending_angles(smooth).max() <= 1.0
+    assert torch.equal(smooth[0], straight)
+    assert torch.equal(smooth[:, [0, -1]], guides[:, [0, -1]])
 
 
 def test_guides_are_different_and_cover_the_scalp() -> None:
@@ -58,15 +75,6 @@ def test_guides_are_different_and_cover_the_scalp() -> None:
     apart = torch.pdist(roots[guides]).min()
     assert torch.cdist(roots, roots[guides]).amin(1).max() <= apart
     assert len(spread_guides(roots[:7], 20)) == 7
-
-
-def test_resampling_keeps_ends_and_lines() -> None:
-    line = torch.linspace(0.0, 1.0, 9)[None, :, None] * torch.tensor([1.0, 2.0, 3.0])
-    fewer = resampled(line, 4)
-    torch.testing.assert_close(fewer, torch.linspace(0.0, 1.0, 4)[None, :, None] * torch.tensor([1.0, 2.0, 3.0]))
-    strands = hairstyle(3)
-    torch.testing.assert_close(resampled(strands, 9), strands)
-    torch.testing.assert_close(resampled(resampled(strands, 17), 9), strands)
 
 
 def test_motion_goes_through_its_poses_with_a_steady_velocity() -> None:

@@ -22,14 +22,14 @@ from dynhair.avatar import Avatar, head_pose
 from dynhair.avatar.avatar import AvatarImages, PosedAvatar
 from dynhair.avatar.model_folder import DESCRIPTION, TENSORS, read_description, read_tensors
 from dynhair.baselines.cables import CableParameters, Cables, Part
-from dynhair.baselines.simulator_guides import GuideInterpolation, resampled, spread_guides
+from dynhair.baselines.simulator_guides import GuideInterpolation, spread_guides, unkinked
 from dynhair.baselines.simulator_motion import RigidMotion
 from dynhair.baselines.simulator_training import train_simulator
 from dynhair.camera import Camera
 from dynhair.capture import Capture, HeadTrack
 from dynhair.errors import DynhairError
 from dynhair.storage import atomic_folder, write_json
-from dynhair.strands import MeshDistance
+from dynhair.strands import MeshDistance, resample_strands
 from dynhair.strands.collision import push_out
 from dynhair.training.frames import head_frame, rest_frame
 from dynhair.training.surface import tracked_surface
@@ -104,11 +104,11 @@ class SimulatedAvatar:
         strands = avatar.canonical_strands.detach()
         chosen = spread_guides(strands[:, 0].cpu(), guides)
         self._interpolation = GuideInterpolation(strands, chosen.to(strands.device))
-        rest = resampled(strands[chosen.to(strands.device)], GUIDE_POINTS).cpu().float()
+        rest = resample_strands(strands[chosen.to(strands.device)], GUIDE_POINTS).cpu().float()
         # Where the avatar's strands dip into the skin, a cable would be caught inside.
         obstacle = MeshDistance(surface.vertices, surface.faces)
         outside = push_out(rest.flatten(0, 1), obstacle, self.parameters.contact_radius).view_as(rest)
-        self._rest = torch.cat([rest[:, :1], outside[:, 1:]], 1).double()
+        self._rest = unkinked(torch.cat([rest[:, :1], outside[:, 1:]], 1).double())
         self._tracks: OrderedDict[bytes, Float[Tensor, "f g m 3"]] = OrderedDict()
 
     def pose(self, track: HeadTrack, frame: int, *, rigid_hair: bool = False) -> PosedAvatar:
