@@ -18,8 +18,8 @@ from dynhair.strands.files.curves import Curves, joined_curves
 from dynhair.strands.files.ogawa import HDF5_MAGIC, Compound, Object, open_archive
 from dynhair.strands.files.strand_file import StrandFile
 
-_CUBIC, _LINEAR = 0, 1
-_OPEN = 0
+_CUBIC, LINEAR = 0, 1
+OPEN = 0
 _BASES = ("linear", "bezier", "bspline", "catmullRom")
 _DEEPEST = 100
 
@@ -101,10 +101,10 @@ def _transform(properties: Compound, above: np.ndarray) -> np.ndarray:
 
 
 def _curves(properties: Compound, matrix: np.ndarray) -> Curves:
-    kind, wrap, basis = _LINEAR, _OPEN, 0
+    kind, wrap, basis = LINEAR, OPEN, 0
     if "curveBasisAndType" in properties:
         kind, wrap, basis = properties.first("curveBasisAndType").ravel()[:3]
-    if kind not in (_CUBIC, _LINEAR) or wrap != _OPEN:
+    if kind not in (_CUBIC, LINEAR) or wrap != OPEN:
         raise ValueError("its curves are closed, or of several orders")
     return Curves(
         points=properties.first("P").reshape(-1, 3),

@@ -1,4 +1,4 @@
-"""Ogawa, the container of Alembic files: read only, first sample only.
+"""Ogawa, the container of Alembic files: reading, first sample only.
 
 Own reader: Alembic's own Python bindings are in no package index, and the repackaged ones bring a hundred megabytes for
 what is a tree of blocks. Little endian throughout:
@@ -21,14 +21,15 @@ from collections.abc import Iterator
 import numpy as np
 
 MAGIC = b"Ogawa"
+COMPLETE = 0xFF
 HDF5_MAGIC = b"\x89HDF"
 
+IS_DATA = 1 << 63
+DIGEST = 16
+OWN_METADATA = 0xFF
 _TOP, _INDEXED_METADATA = 2, 5  # entries of the root
-_IS_DATA = 1 << 63
-_DIGEST, _OBJECT_DIGESTS = 16, 32
-_OWN_METADATA = 0xFF
 # Strings, which come after these, are not read.
-_TYPES = ("?", "u1", "i1", "<u2", "<i2", "<u4", "<i4", "<u8", "<i8", "<f2", "<f4", "<f8")
+TYPES = ("?", "u1", "i1", "<u2", "<i2", "<u4", "<i4", "<u8", "<i8", "<f2", "<f4", "<f8")
 
 
 class Object:
@@ -51,7 +52,7 @@ class Object:
         """The objects below it."""
         if len(self._entries) < 2:
             return
-        headers = self._archive.data(self._entries[-1])[:-_OBJECT_DIGESTS]
+        headers = self._archive.data(self._entries[-1])[: -2 * DIGEST]
         place, index = 0, 1
         while place < len(headers):
             name, place = _text(headers, place, "<I")
@@ -85,8 +86,8 @@ class Compound:
             _, place = archive.metadata(headers, place, info >> 20 & 255, size)
             if is_compound:
                 self._found[name] = None, 0, entries[index]
-            elif kind < len(_TYPES):
-                self._found[name] = np.dtype(_TYPES[kind]), extent, entries[index]
+            elif kind < len(TYPES):
+                self._found[name] = np.dtype(TYPES[kind]), extent, entries[index]
             index += 1
 
     def __contains__(self, name: str) -> bool:
@@ -109,7 +110,7 @@ class Compound:
         if dtype is None:
             raise KeyError(name)
         samples = self._archive.group(entry)
-        values = self._archive.data(samples[0])[_DIGEST:] if samples else b""
+        values = self._archive.data(samples[0])[DIGEST:] if samples else b""
         return np.frombuffer(values, dtype).reshape(-1, extent)
 
 
@@ -129,7 +130,7 @@ class _Archive:
         self._content = content
         if content[:5] != MAGIC:
             raise ValueError(f"it starts with {content[:5]!r}, not with {MAGIC!r}")
-        if content[5] != 0xFF:
+        if content[5] != COMPLETE:
             raise ValueError("its writer did not finish it")
         self._opened = set[int]()
         self.root = self.group(struct.unpack_from("<Q", content, 8)[0])
@@ -157,17 +158,17 @@ class _Archive:
         return struct.unpack_from(f"<{count}Q", self._content, entry + 8)
 
     def data(self, entry: int) -> bytes:
-        place = entry & ~_IS_DATA
+        place = entry & ~IS_DATA
         if not place:
             return b""
         (size,) = struct.unpack_from("<Q", self._content, place)
-        if not entry & _IS_DATA or size > len(self._content) - place - 8:
+        if not entry & IS_DATA or size > len(self._content) - place - 8:
             raise ValueError(f"{size} bytes are announced at byte {place}")
         return self._content[place + 8 : place + 8 + size]
 
     def metadata(self, headers: bytes, place: int, index: int, size: str) -> tuple[str, int]:
         """Metadata by index, or as it stands in a header; and where the header goes on."""
-        return _text(headers, place, size) if index == _OWN_METADATA else (self._indexed[index], place)
+        return _text(headers, place, size) if index == OWN_METADATA else (self._indexed[index], place)
 
 
 def _text(buffer: bytes, place: int, size: str) -> tuple[str, int]:
