@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from dynhair.animation.capture_names import capture_in
 from dynhair.animation.expressions import carried_expressions
@@ -23,13 +23,14 @@ from dynhair.training.rest import Rest
 if TYPE_CHECKING:
     from dynhair.avatar import Avatar
     from dynhair.avatar.recording import Recording
+    from dynhair.evaluation import DrivenHead
     from dynhair.progress import StageProgress
 
 
 def driving_track(
     spec: str | Path,
     recording: Recording,
-    avatar: Avatar,
+    avatar: Avatar | DrivenHead,
     *,
     capture: Path | str | None = None,
     seconds: float | None = None,
@@ -72,7 +73,8 @@ def driving_track(
     elif Path(spec).suffix.lower() in VIDEO_SUFFIXES:
         from dynhair.animation.video_driver import track_of_video
 
-        track, from_video = track_of_video(spec, recording, avatar, progress=progress, note=note), True
+        expressive = cast("Avatar", avatar)  # only whose expressions it takes is asked
+        track, from_video = track_of_video(spec, recording, expressive, progress=progress, note=note), True
     else:
         raise _unknown(spec, capture)
     if spec not in MOTIONS and seconds is not None:
