@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynhair.avatar.deformer import HairDeformer
@@ -196,6 +196,15 @@ class Avatar(nn.Module):
                 made = self._edited_hair = EditedHair(hair)
         return made
 
+    def frozen(self) -> Avatar:
+        """The avatar for drawing alone: the same images but for rounding, sooner and without gradients.
+
+        It shares this one's tensors, which may not change afterwards, and can be edited and driven as this one.
+        """
+        from dynhair.avatar.frozen import FrozenAvatar  # it builds on this module
+
+        return FrozenAvatar(self)
+
     def live(self, fps: float | None = None, delay: int = SETTLED) -> LiveAvatar:
         """Drive the avatar one head pose at a time, see :class:`~dynhair.avatar.live.LiveAvatar`.
 
@@ -251,7 +260,7 @@ class Avatar(nn.Module):
         hair = drawn_hair(posed.strands, look.widths, look.base_harmonic, look.higher_harmonics, drawn)
         extra = self.head.config.colour_channels - 3
         hair_features = nn.functional.pad(hair.features, (0, extra)) if extra else hair.features
-        head_features = self._head_features(head, hair.features[..., COLOURS], look.ids)
+        head_features = self._head_features(head, hair.features[..., COLOURS], look)
         gaussians = Gaussians(
             means=torch.cat([hair.means, head.means]),
             quats=torch.cat([hair.quats, head.quats]),
@@ -284,12 +293,12 @@ class Avatar(nn.Module):
         return [camera.resized(width // factor, height // factor) for camera in cameras]
 
     def _head_features(
-        self, head: HeadGaussians, hair_colours: Float[Tensor, "v g 3"], ids: Int64[Tensor, " m"]
+        self, head: HeadGaussians, hair_colours: Float[Tensor, "v g 3"], look: HairLook
     ) -> Float[Tensor, "v k f"]:
         """Labels, direction and colours of the head's Gaussians; the scalp's are partly hair, of no direction."""
         count, channels = head.colours.shape
         own = torch.cat([head.colours.new_tensor([0.0, 1.0, 0.0, 0.0]).expand(count, 4), head.colours], 1)
-        rows, cover, colours = self.scalp(hair_colours, ids, len(self.hair.strands))
+        rows, cover, colours = self.scalp(hair_colours, look)
         as_hair = colours.new_tensor([1.0, 0.0, 0.0, 0.0]).expand(*colours.shape[:2], 4)
         as_hair = nn.functional.pad(torch.cat([as_hair, colours], -1), (0, channels - 3))
         covered = torch.lerp(own[rows].expand_as(as_hair), as_hair, cover[:, None])

@@ -51,9 +51,9 @@ class Hair(nn.Module):
     @property
     def look(self) -> HairLook:
         """All strands, as they were trained."""
-        count, device = len(self.strands), self.strands.device
-        widths = torch.full((count,), self.width, dtype=self.strands.dtype, device=device)
-        return HairLook(torch.arange(count, device=device), widths, self.base_harmonic, self.higher_harmonics)
+        widths = torch.full_like(self.strands[:, 0, 0], self.width)
+        ids = torch.arange(len(widths), device=widths.device)
+        return HairLook(ids, ids, widths, self.base_harmonic, self.higher_harmonics)
 
     def forward(self, window: Float[Tensor, "t c"] | None) -> Float[Tensor, "n l 3"]:
         """Strands in the head frame, metres.

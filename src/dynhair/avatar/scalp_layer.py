@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float, Int, Int64
+from jaxtyping import Float, Int
 from torch import Tensor, nn
+
+from dynhair.editing import HairLook
 
 NEAREST = 4
 ROOT_SEGMENTS = 4
@@ -80,25 +82,16 @@ class ScalpLayer(nn.Module):
         cover = ((BARE - distances[:, 0]) / FALLOFF).sigmoid().clamp(0.02, 0.98)
         return cls(rows, strands, shares / shares.sum(1, keepdim=True), cover)
 
-    def forward(self, hair_colours: Float[Tensor, "v g 3"], ids: Int64[Tensor, " m"], strands: int) -> CoveredScalp:
+    def forward(self, hair_colours: Float[Tensor, "v g 3"], look: HairLook) -> CoveredScalp:
         """The layer in the hair's colours, which it does not change.
 
-        Where strands are missing, it covers by so much less as they had a share in the colour.
+        It covers the skin also where strands have been removed, in the colour of those that are left nearby: nothing
+        has taught skin that is under hair a colour of its own.
 
         Args:
             hair_colours: of the strands' Gaussians, strand by strand from the root.
-            ids: which strands these are, ascending; at least one.
-            strands: number of strands of the whole hairstyle.
+            look: which strands these are.
         """
-        near_root = hair_colours.detach().unflatten(1, (len(ids), -1))[:, :, :ROOT_SEGMENTS].mean(2)
-        cover = self.cover_logits.sigmoid()
-        if len(ids) == strands:
-            colours = (near_root[:, self.strands] * self.shares[..., None]).sum(2)
-            return CoveredScalp(self.rows, cover, colours)
-        places = ids.new_full((strands,), -1).index_copy(0, ids, torch.arange(len(ids), device=ids.device))[
-            self.strands
-        ]
-        shares = torch.where(places < 0, 0.0, self.shares)
-        left = shares.sum(1)
-        mean = (near_root[:, places.clamp_min(0)] * shares[..., None]).sum(2)
-        return CoveredScalp(self.rows, cover * left, mean / left.clamp_min(1e-9)[:, None])
+        near_root = hair_colours.detach().unflatten(1, (len(look.ids), -1))[:, :, :ROOT_SEGMENTS].mean(2)
+        colours = (near_root[:, look.nearest[self.strands]] * self.shares[..., None]).sum(2)
+        return CoveredScalp(self.rows, self.cover_logits.sigmoid(), colours)

@@ -16,8 +16,11 @@ from torch import Tensor
 Y00 = 0.5 / math.sqrt(math.pi)
 """The harmonic of degree 0."""
 
-LUMA = (0.2126, 0.7152, 0.0722)
-"""Weights of the channels in a colour's lightness (ITU-R BT.709)."""
+LUMINANCE = (0.2126, 0.7152, 0.0722)
+"""Weights of the channels, as light, in luminance (ITU-R BT.709)."""
+
+GAMMA = 2.2
+"""Of sRGB, nearly: light is a channel to this power."""
 
 _HEADROOM = 2.0  # standard deviations over all directions that a tinted colour has room for below 1
 
@@ -34,24 +37,34 @@ def brightened(colours: Harmonics, factor: float) -> Harmonics:
     return Harmonics(factor * (colours.base + 0.5 / Y00) - 0.5 / Y00, factor * colours.higher)
 
 
-def tinted(colours: Harmonics, tint: Float[Tensor, "3"], strength: float) -> Harmonics:
-    """Give the colours the tint's hue and saturation, and leave each its lightness, from wherever it is seen.
+def lightness(colours: Float[Tensor, "3 *s"]) -> Float[Tensor, "*s"]:
+    """The grey of a colour's luminance: a mean of the channels, to the power of `GAMMA`."""
+    return torch.tensordot(colours.new_tensor(LUMINANCE), colours.clamp_min(0) ** GAMMA, 1) ** (1 / GAMMA)
 
-    A colour of luma ``y`` becomes ``y`` times the tint over the tint's own luma. Light hair cannot be as saturated as
-    a strong tint: where that would take a channel beyond 1, the tint is mixed with grey of the same luma.
+
+def tinted(colours: Harmonics, tint: Float[Tensor, "3"], strength: float) -> Harmonics:
+    """Give the colours the tint's hue and saturation, and leave each its luminance, from wherever it is seen.
+
+    A colour of the lightness ``y`` becomes ``y`` times the tint over the tint's own lightness. Light hair cannot be as
+    saturated as a strong tint: where that would take a channel beyond 1, the tint is mixed with grey. Lightness is
+    linear in a colour's scale; where hue varies with the view, its derivative at the mean colour is taken.
 
     Args:
         colours: of segments.
         tint: sRGB in [0, 1]; a grey takes the colour away, and so does black.
         strength: 0 leaves the colours as they are, 1 replaces them.
     """
-    weights = tint.new_tensor(LUMA)
-    luma, own = weights @ (0.5 + Y00 * colours.base[0]), weights @ tint
-    varying = torch.einsum("c,kcs->ks", weights, colours.higher)
+    mean = (0.5 + Y00 * colours.base[0]).clamp_min(0)
+    light = lightness(mean).clamp_min(1e-6)
+    gradient = tint.new_tensor(LUMINANCE)[:, None] * (mean / light) ** (GAMMA - 1)
+    varying = (gradient * colours.higher).sum(1, keepdim=True)
     # harmonics are orthonormal: their squares add up to the variance over the sphere's 4 pi
-    brightest = luma.clamp_min(0) + _HEADROOM * Y00 * varying.norm(dim=0)
-    pure = torch.ones_like(tint) if own < 1e-3 else tint / own
-    room = (1 - brightest) / (brightest * (pure.max() - 1)).clamp_min(1e-6)
-    hue = torch.lerp(torch.ones_like(pure)[:, None], pure[:, None], room.clamp(0, 1))
-    full = Harmonics(((luma * hue - 0.5) / Y00)[None], varying[:, None] * hue)
+    brightest = light + _HEADROOM * Y00 * varying.norm(dim=0)[0]
+
+    # as light, so that any mixture has the same luminance
+    grey = torch.ones_like(tint)[:, None]
+    pure = grey if lightness(tint) < 1e-3 else (tint[:, None] / lightness(tint)) ** GAMMA
+    room = (brightest.clamp(1e-3, 1) ** -GAMMA - 1) / (pure.max() - 1).clamp_min(1e-6)
+    hue = torch.lerp(grey, pure, room.clamp_max(1)) ** (1 / GAMMA)
+    full = Harmonics((light * hue - 0.5)[None] / Y00, varying * hue)
     return Harmonics(*(torch.lerp(old, new, strength) for old, new in zip(colours, full, strict=True)))

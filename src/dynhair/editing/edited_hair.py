@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 from jaxtyping import Float
+from pykdtree.kdtree import KDTree
 from torch import Tensor
 
 from dynhair.editing.canonical_hair import CanonicalHair
@@ -44,7 +45,10 @@ class EditedHair:
             amid, _ = _places(along, lengths * (steps[1:] + steps[:-1]) / 2)
             amid = torch.where(uncut, own, amid)
             base, higher = (h.gather(3, amid.expand(*h.shape[:2], -1, -1)) for h in (base, higher))
-        self.look = HairLook(ids, hair.widths[ids], base.flatten(2), higher.flatten(2))
+        nearest = KDTree(hair.strands[ids, 0].cpu().numpy()).query(hair.strands[:, 0].cpu().numpy())[1]
+        nearest = torch.from_numpy(nearest.astype("int64")).to(ids.device)
+        nearest[ids] = torch.arange(len(ids), device=ids.device)  # also of several roots in one place
+        self.look = HairLook(ids, nearest, hair.widths[ids], base.flatten(2), higher.flatten(2))
 
     def __call__(self, strands: Float[Tensor, "n l 3"]) -> Float[Tensor, "m l 3"]:
         """The strands that are left of all canonical ones in some frame, in any Cartesian frame of reference."""

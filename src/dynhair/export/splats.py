@@ -80,7 +80,7 @@ class Splats:
         of_head = head.means.new_zeros(COEFFICIENTS, len(head.means), 3)
         of_head[0] = constant_coefficient(head.colours[:, :3])
         # a mean of colours is the mean of their coefficients, which the layer takes as so many views
-        rows, cover, of_scalp = avatar.scalp(of_hair, look.nearest)
+        rows, cover, of_scalp = avatar.scalp(of_hair, look)
         of_head[:, rows] = torch.lerp(of_head[:, rows], of_scalp, cover[:, None])
         return cls(
             means=torch.cat([hair.means, head.means]),
