@@ -125,8 +125,13 @@ class Avatar(nn.Module):
 
     @property
     def canonical_strands(self) -> Float[Tensor, "n l 3"]:
-        """The hairstyle at rest in the head frame, metres."""
+        """The hairstyle as it was trained, at rest in the head frame, metres."""
         return self.hair(None)
+
+    @property
+    def resting_strands(self) -> Float[Tensor, "m l 3"]:
+        """What edits leave of the hairstyle, at rest in the head frame, metres."""
+        return self._after_edits()(self.canonical_strands)
 
     def conditions(self, track: HeadTrack) -> Float[Tensor, "f c"]:
         """Normalised motion conditions of a whole track, on the avatar's device."""
