@@ -12,8 +12,6 @@ from torch import Tensor
 from dynhair.avatar import Head, HeadPose
 from dynhair.capture import Capture
 from dynhair.motion import so3_log
-from dynhair.training.frames import head_frame, rest_frame
-from dynhair.training.surface import tracked_surface
 
 NEIGHBOURS = 8
 LEAST_DISTANCE = 1e-3
@@ -39,6 +37,9 @@ class HeadMesh:
         Raises:
             DynhairError: there is no mesh, and the rest frame's landmarks are missing or do not form a face.
         """
+        from dynhair.training.frames import head_frame, rest_frame
+        from dynhair.training.surface import tracked_surface
+
         surface = tracked_surface(capture)
         segment, index = rest_frame(capture)
         vertices = surface.vertices(segment.start + index)
