@@ -140,14 +140,16 @@ def _camera(camera: Camera) -> dict[str, object]:
     to_world[:3, :3] = w2c[:, :3].T @ np.diag([1, -1, -1])
     to_world[:3, 3] = -w2c[:, :3].T @ w2c[:, 3]
     fx, fy, cx, cy = (float(camera.K[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    longest = max(camera.width, camera.height)
+    aspect = fx / fy  # height of a pixel in its widths
+    longest = max(camera.width, aspect * camera.height)
     return {
         "matrix": _z_up(to_world).tolist(),
         "width": camera.width,
         "height": camera.height,
-        "focal_length": fx / longest,  # in widths of the image's longer side, as are the shifts
-        "shift": [(camera.width / 2 - cx) / longest, (cy - camera.height / 2) / longest],
-        "pixel_aspect": fx / fy,
+        "pixel_aspect": aspect,
+        # in lengths of the image's longer side
+        "focal_length": fx / longest,
+        "shift": [(camera.width / 2 - cx) / longest, aspect * (cy - camera.height / 2) / longest],
     }
 
 

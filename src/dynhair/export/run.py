@@ -219,7 +219,7 @@ def _write_head(out: Path, driven: Driven, stage: Stage) -> Path:
 def _write_usd(out: Path, driven: Driven, stage: Stage) -> Path:
     from dynhair.export.usd import write_usd
 
-    write_usd(out / "avatar.usdc", _watched(driven.motion, stage))
+    write_usd(out / "avatar.usdc", _watched(driven.motion, stage), camera=driven.recording.camera)
     return out / "avatar.usdc"
 
 
