@@ -48,6 +48,9 @@ def test_any_motion_comes_back(strands: int, points: int, frames: int, mesh: boo
     assert (f"{SKIN}/P" in found.properties) == mesh
     matrices = np.stack(found.properties["/head/.xform/.vals"].samples).reshape(-1, 4, 4)
     assert np.array_equal(matrices.transpose(0, 2, 1), motion.head_transforms)
+    inherits = found.properties["/head/.xform/.inherits"]
+    assert inherits.times == positions.times
+    assert (inherits.stored, inherits.samples[-1].item()) == (1, True)
     first = read_strands(tmp_path / "hair.abc")
     assert first.counts.tolist() == [points] * strands
     assert np.array_equal(first.points.numpy(), expected[0].strands.reshape(-1, 3))

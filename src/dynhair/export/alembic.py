@@ -1,6 +1,6 @@
 """``.abc``: strands and head in motion as an Alembic archive, with the attributes that Unreal reads grooms by.
 
-Alembic's own library has no Python package in the registries, so :mod:`dynhair.export.ogawa_writer` writes the file.
+Written by :mod:`dynhair.export.ogawa_writer`: Alembic's own library is on PyPI only as repackaged by others, and large.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def _head(top: Node, transforms: np.ndarray, units_per_metre: float) -> None:
     # matrices are for row vectors
     matrices = transforms.transpose(0, 2, 1).copy()
     matrices[:, 3, :3] *= units_per_metre
-    _, transform = _transform(top, "head")
+    _, transform = _transform(top, "head", len(matrices))
     transform.scalar(".ops", "u1").add(np.array(_MATRIX))
     values = transform.scalar(".vals", "<f8", 16, times=True)
     for matrix in matrices:
@@ -116,12 +116,15 @@ def _head(top: Node, transforms: np.ndarray, units_per_metre: float) -> None:
         transform.array(".animChans", "<u4").add(channels)
 
 
-def _transform(above: Node, name: str) -> tuple[Node, Properties]:
+def _transform(above: Node, name: str, samples: int = 1) -> tuple[Node, Properties]:
     """A transform, which changes nothing unless operations are added to its properties."""
     schema = "AbcGeom_Xform_v3"
     node = above.child(name, as_metadata(schema=schema, schemaObjTitle=f"{schema}:.xform"))
     properties = node.properties.compound(".xform", as_metadata(schema=schema))
-    properties.scalar(".inherits", "?").add(np.array(True))
+    # what readers know the number of samples and their times by
+    inherits = properties.scalar(".inherits", "?", times=samples > 1)
+    for _ in range(samples):
+        inherits.add(np.array(True))
     return node, properties
 
 
