@@ -73,13 +73,13 @@ class Branches(nn.Module):
     def _heard(self, weight: Float[Tensor, " k"]) -> tuple[Rows, Rows]:
         """The points of each network, looked for when weights change: the count has to be waited for on a GPU."""
         if weight.is_inference():  # it does not say whether it has changed
-            return _rows(weight), _rows(1 - weight)
+            return rows_of(weight), rows_of(1 - weight)
         if self._found is None or self._found[0] is not weight or self._found[1] != weight._version:
-            self._found = weight, weight._version, _rows(weight), _rows(1 - weight)
+            self._found = weight, weight._version, rows_of(weight), rows_of(1 - weight)
         return self._found[2:]
 
 
-def _rows(share: Float[Tensor, " k"]) -> Rows:
+def rows_of(share: Float[Tensor, " k"]) -> Rows:
     """The points whose share is not nought.
 
     They may lie in one piece (the head sorts its Gaussians so): a piece need not be gathered, nor its gradients

@@ -126,9 +126,8 @@ class Head(nn.Module):
 
     def forward(self, pose: HeadPose) -> HeadGaussians:
         """The posed Gaussians in the world (appendix A, "Appearance and attributes")."""
-        code, weight = self.skinning.pose_code(pose), self.expression_weight
-        colour = self.colour(self.features, weight, pose.expression, code)
-        offsets = self.attributes(self.features, weight, pose.expression, code)
+        code = self.skinning.pose_code(pose)
+        offsets = self._offsets(pose, code)
         compiled = self.means.device.type == "cpu" and self.means.dtype == torch.float32
         compiled = compiled and not pose.expression.requires_grad  # its turns and growth have no gradient there
         posed = self._posed_at_once(pose, code, offsets) if compiled else self._posed_by_passes(pose, code, offsets)
@@ -137,7 +136,7 @@ class Head(nn.Module):
             scales=posed.log_scales.exp(),
             quats=posed.quats,
             opacities=posed.logits.sigmoid(),
-            colours=self.base_colours + colour,
+            colours=self.base_colours + self._tinted(pose, code),
         )
 
     def _posed_by_passes(self, pose: HeadPose, code: Float[Tensor, " q"], offsets: Float[Tensor, "k 8"]) -> Posed:
@@ -168,6 +167,14 @@ class Head(nn.Module):
         """What the deformation networks say, each component in [-1, 1]."""
         places = positional_encoding(self.means / CANONICAL_UNIT, ENCODING_FREQUENCIES)
         return self.deformation(places, self.expression_weight, pose.expression, code)
+
+    def _tinted(self, pose: HeadPose, code: Float[Tensor, " q"]) -> Float[Tensor, "k c"]:
+        """What the colour networks say."""
+        return self.colour(self.features, self.expression_weight, pose.expression, code)
+
+    def _offsets(self, pose: HeadPose, code: Float[Tensor, " q"]) -> Float[Tensor, "k 8"]:
+        """What the attribute networks say: changes of log-scales, quaternions and opacity logits."""
+        return self.attributes(self.features, self.expression_weight, pose.expression, code)
 
 
 def facing(normals: Float[Tensor, "k 3"]) -> Float[Tensor, "k 4"]:
