@@ -22,7 +22,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # before torch starts its t
 
 import torch
 
-from dynhair.avatar import HairDeformer
+from dynhair.avatar import PaperDeformer
 from dynhair.avatar.chunked import CHUNK
 from dynhair.config import PRESETS, DeformerConfig, preset
 from dynhair.motion import signal_names
@@ -83,10 +83,10 @@ def measured(
     canonical = 0.1 * torch.randn(strands, points, 3, generator=generator)
     window = torch.randn(config.history + 1, 3 * len(signal_names(config)), generator=generator)
     gradient = torch.randn(strands, points, 3, generator=generator)
-    deformers = [HairDeformer(canonical, replace(config, knots=count)) for count in knots]
+    deformers = [PaperDeformer(canonical, replace(config, knots=count)) for count in knots]
     left, right = torch.randn(CHUNK, config.width), torch.randn(config.width, config.width)
 
-    def step(deformer: HairDeformer) -> None:
+    def step(deformer: PaperDeformer) -> None:
         deformer.zero_grad(set_to_none=True)
         deformer(window).backward(gradient)
 
@@ -113,7 +113,7 @@ def measured(
     return costs, statistics.median(times[0] / times[-1] for times, _ in rounds)
 
 
-def multiplications(deformer: HairDeformer) -> int:
+def multiplications(deformer: PaperDeformer) -> int:
     """Of the point network forward and backward; the first layer's inputs need no gradient."""
     config = deformer.config
     sizes = (deformer.code.shape[1], *[config.width] * config.layers, 3)

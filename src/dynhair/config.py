@@ -18,13 +18,18 @@ from dynhair.errors import DynhairError
 from dynhair.mesh_config import MeshHeadConfig
 from dynhair.storage import atomic_file
 
+MODAL_HISTORY = 120
+"""Frames that modes look back: even the slowest has forgotten all but 1 % of what is older, as they begin."""
+
 
 @dataclass(frozen=True)
 class DeformerConfig:
-    """The hair deformation network.
+    """What moves the hair.
 
     Attributes:
-        history: frames T before the current one that the network sees.
+        kind: ``paper``'s network hears a window of motion; ``modal`` hair swings in learned damped modes, of which
+            ``signals`` to ``film``, ``signal_frequencies`` and ``hidden`` say nothing.
+        history: frames T before the current one that it depends on. Modes forget what is older.
         signals: what it sees of the motion: ``velocity`` and acceleration, or the absolute ``pose`` (an ablation).
         acceleration: whether it sees the angular acceleration.
         gravity: whether it sees the relative direction of gravity.
@@ -36,11 +41,14 @@ class DeformerConfig:
         hidden: size of the LSTM's state.
         width: size of the MLP's hidden layers.
         layers: number of the MLP's hidden layers.
+        modes: number of modes.
         knots: points of a strand that the network is evaluated at, a spline in between; all points if 0. The paper's
             is 0. On a trained avatar 8 of 32 cost a quarter and differ by 2.5 % of the motion's RMS.
     """
 
+    kind: Literal["paper", "modal"] = "paper"
     history: int = 5
+    modes: int = 24
     signals: Literal["velocity", "pose"] = "velocity"
     acceleration: bool = True
     gravity: bool = True
@@ -213,6 +221,7 @@ class LearningRates:
     scalp_cover: float = 1e-2
     pose_correction: float = 1e-5
     springs: float = 1e-2
+    modes: float = 5e-3
 
 
 @dataclass(frozen=True)
@@ -363,9 +372,17 @@ def preset(name: str) -> Config:
     return PRESETS[name]
 
 
-def chosen_config(name: str, file: Path | None, iterations: int | None, seed: int | None) -> Config:
-    """A preset, or the configuration in a file, with other iterations and another seed where they are given."""
+def chosen_config(
+    name: str,
+    file: Path | None,
+    iterations: int | None,
+    seed: int | None,
+    deformer: Literal["paper", "modal"] | None = None,
+) -> Config:
+    """A preset, or the configuration in a file, with other iterations, seed, kind of deformer where they are given."""
     config = preset(name) if file is None else read_config(file)
+    if deformer is not None and deformer != config.hair.deformer.kind:
+        config = with_deformer(config, deformer)
     training = config.training
     training = dataclasses.replace(
         training,
@@ -373,6 +390,13 @@ def chosen_config(name: str, file: Path | None, iterations: int | None, seed: in
         seed=training.seed if seed is None else seed,
     )
     return dataclasses.replace(config, training=training)
+
+
+def with_deformer(config: Config, kind: Literal["paper", "modal"]) -> Config:
+    """A configuration with another kind of deformer, which looks as far back as that one has to."""
+    history = {"modal": MODAL_HISTORY, "paper": DeformerConfig().history}[kind]
+    deformer = dataclasses.replace(config.hair.deformer, kind=kind, history=history)
+    return dataclasses.replace(config, hair=dataclasses.replace(config.hair, deformer=deformer))
 
 
 def write_config(config: Config, path: Path) -> None:

@@ -10,7 +10,7 @@ import torch
 from scipy.interpolate import CubicSpline
 from torch.nn import functional
 
-from dynhair.avatar.deformer import DISPLACEMENT_UNIT, POSITION_UNIT, HairDeformer
+from dynhair.avatar.deformer import DISPLACEMENT_UNIT, POSITION_UNIT, PaperDeformer
 from dynhair.avatar.encoding import encoded_size, positional_encoding
 from dynhair.avatar.mlp import use_precision
 from dynhair.config import DeformerConfig
@@ -24,7 +24,7 @@ def canonical(strands: int = 5, points: int = 7, seed: int = 0) -> torch.Tensor:
     return torch.randn(strands, points, 3, generator=torch.Generator().manual_seed(seed)) * 0.1
 
 
-def lively(deformer: HairDeformer) -> HairDeformer:
+def lively(deformer: PaperDeformer) -> PaperDeformer:
     """With weights of the order of one in every layer, unlike a fresh network."""
     generator = torch.Generator().manual_seed(1)
     with torch.no_grad():
@@ -33,7 +33,7 @@ def lively(deformer: HairDeformer) -> HairDeformer:
     return deformer
 
 
-def embedding(deformer: HairDeformer, window: torch.Tensor) -> torch.Tensor:
+def embedding(deformer: PaperDeformer, window: torch.Tensor) -> torch.Tensor:
     signal = positional_encoding(window, deformer.config.signal_frequencies)
     if deformer.config.encoder == "lstm":
         _, (h, _) = deformer.lstm(signal[None], (deformer.h0, deformer.c0))
@@ -45,7 +45,7 @@ def embedding(deformer: HairDeformer, window: torch.Tensor) -> torch.Tensor:
     return linear[-1].weight @ x + linear[-1].bias
 
 
-def written_out(deformer: HairDeformer, strands: torch.Tensor, window: torch.Tensor) -> torch.Tensor:
+def written_out(deformer: PaperDeformer, strands: torch.Tensor, window: torch.Tensor) -> torch.Tensor:
     """The network knot by knot: embedding, FiLM on the encoded position, concatenation, MLP, attenuation.
 
     Between knots SciPy's spline.
@@ -90,7 +90,7 @@ VARIANTS = {
 @pytest.mark.parametrize("config", VARIANTS.values(), ids=VARIANTS.keys())
 def test_folded_network_is_the_papers_in_values_and_gradients(config: DeformerConfig) -> None:
     strands = canonical().double()
-    deformer = lively(HairDeformer(strands, config).double())
+    deformer = lively(PaperDeformer(strands, config).double())
     size = 3 * len(signal_names(config))
     window = torch.randn(4, size, generator=torch.Generator().manual_seed(2), dtype=torch.double).requires_grad_()
     expected = written_out(deformer, strands, window)
@@ -110,13 +110,13 @@ def test_folded_network_is_the_papers_in_values_and_gradients(config: DeformerCo
 def test_both_encoders_are_of_about_the_same_size() -> None:
     sizes = []
     for encoder in ("lstm", "mlp"):
-        deformer = HairDeformer(canonical(), DeformerConfig(encoder=encoder))
+        deformer = PaperDeformer(canonical(), DeformerConfig(encoder=encoder))
         sizes.append(sum(p.numel() for p in deformer.parameters()))
     assert 0.8 < sizes[1] / sizes[0] < 1.25
 
 
 def test_the_root_moves_as_its_attenuation_says_however_few_the_knots() -> None:
-    deformer = lively(HairDeformer(canonical(), replace(CONFIG, knots=3)))
+    deformer = lively(PaperDeformer(canonical(), replace(CONFIG, knots=3)))
     with torch.no_grad():
         deformer.root_attenuation[:2] = 0.0
     moved = deformer(torch.randn(4, 9, generator=torch.Generator().manual_seed(6)))
@@ -125,25 +125,25 @@ def test_the_root_moves_as_its_attenuation_says_however_few_the_knots() -> None:
 
 
 def test_a_fresh_network_leaves_the_hair_where_it_is() -> None:
-    deformer = HairDeformer(canonical(), DeformerConfig())
+    deformer = PaperDeformer(canonical(), DeformerConfig())
     assert deformer(torch.ones(6, 9)).abs().max() < 1e-4
 
 
 def test_attenuation_starts_as_a_ramp_from_root_to_tip() -> None:
-    ramp = HairDeformer(canonical(points=11), CONFIG).root_attenuation.detach()
+    ramp = PaperDeformer(canonical(points=11), CONFIG).root_attenuation.detach()
     assert ramp[0] < 0.1
     assert ramp[-1] == 1
     torch.testing.assert_close(ramp.diff(), ramp.diff()[:1].expand(10))
 
 
 def test_the_order_of_the_window_matters() -> None:
-    deformer = lively(HairDeformer(canonical(), CONFIG))
+    deformer = lively(PaperDeformer(canonical(), CONFIG))
     window = torch.randn(4, 9, generator=torch.Generator().manual_seed(4))
     assert (deformer(window) - deformer(window.flip(0))).abs().max() > 1e-3
 
 
 def test_bfloat16_errs_by_less_than_two_percent() -> None:
-    deformer = lively(HairDeformer(canonical(50, 20), CONFIG))
+    deformer = lively(PaperDeformer(canonical(50, 20), CONFIG))
     window = torch.randn(4, 9, generator=torch.Generator().manual_seed(5))
     exact = deformer(window)
     use_precision(deformer, torch.bfloat16)
@@ -165,7 +165,7 @@ def test_encoding_is_identity_sines_cosines() -> None:
 
 @pytest.mark.parametrize("config", VARIANTS.values(), ids=VARIANTS)
 def test_some_strands_in_several_frames_move_as_all_do_in_each(config: DeformerConfig) -> None:
-    deformer = lively(HairDeformer(canonical(), config))
+    deformer = lively(PaperDeformer(canonical(), config))
     generator = torch.Generator().manual_seed(4)
     windows = torch.randn(3, config.history + 1, 3 * len(signal_names(config)), generator=generator)
     chosen = torch.tensor([3, 0])

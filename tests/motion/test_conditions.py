@@ -14,19 +14,20 @@ from dynhair.motion import MotionSignals, SignalNormalizer, motion_window, motio
 
 def signals(count: int = 20, seed: int = 0, scale: float = 3.0) -> MotionSignals:
     generator = torch.Generator().manual_seed(seed)
-    omega, alpha, gravity, rotation, translation = torch.randn(5, count, 3, generator=generator)
+    omega, alpha, gravity, rotation, translation, pull = torch.randn(6, count, 3, generator=generator)
     return MotionSignals(
         omega=scale * omega,
         alpha=10 * scale * alpha,
         gravity=torch.nn.functional.normalize(gravity, dim=-1),
         rotation=scale * rotation,
         translation=scale * translation + torch.tensor([1.0, 2.0, 3.0]),
+        pull=scale * pull,
     )
 
 
 def still() -> MotionSignals:
     rest = torch.zeros(4, 3)
-    return MotionSignals(rest, rest, torch.tensor([[0.0, -1.0, 0.0]]).expand(4, 3), rest, rest)
+    return MotionSignals(rest, rest, torch.tensor([[0.0, -1.0, 0.0]]).expand(4, 3), rest, rest, rest)
 
 
 def test_the_training_set_fills_the_range_of_every_axis() -> None:
@@ -67,10 +68,11 @@ def test_noise_on_a_still_axis_is_not_magnified() -> None:
         (DeformerConfig(), ("omega", "alpha", "gravity")),
         (DeformerConfig(acceleration=False), ("omega", "gravity")),
         (DeformerConfig(gravity=False), ("omega", "alpha")),
+        (DeformerConfig(kind="modal"), ("omega", "alpha", "pull")),
         (DeformerConfig(signals="pose"), ("rotation", "translation", "gravity")),
         (DeformerConfig(signals="pose", gravity=False), ("rotation", "translation")),
     ],
-    ids=["paper", "no acceleration", "no gravity", "pose", "pose alone"],
+    ids=["paper", "no acceleration", "no gravity", "modes", "pose", "pose alone"],
 )
 def test_conditions_hold_what_is_chosen_and_nothing_else(config: DeformerConfig, names: tuple[str, ...]) -> None:
     train = signals()
@@ -117,3 +119,11 @@ def test_windows_end_at_their_frame_and_repeat_the_first() -> None:
 def test_frames_outside_the_segment_are_refused(frame: int) -> None:
     with pytest.raises(IndexError, match="5 frames"):
         motion_window(torch.zeros(5, 9), frame, 2)
+
+
+def test_a_pull_counts_in_gravities_from_that_at_rest_and_is_not_clamped() -> None:
+    train, rest = signals(scale=30.0), torch.tensor([0.0, -9.0, 3.0])
+    conditions = SignalNormalizer.fit([train], DeformerConfig(kind="modal"), rest)(train)
+    torch.testing.assert_close(conditions[:, 6:], (train.pull - rest) / 9.81)
+    by_default = SignalNormalizer.fit([train], DeformerConfig(kind="modal"))(train)
+    assert by_default[0, 6:].abs().max() == 0

@@ -1,12 +1,13 @@
 """The avatar: hair, head, and their union."""
 
 from dynhair.avatar.avatar import Avatar, AvatarImages, PosedAvatar
-from dynhair.avatar.deformer import HairDeformer
+from dynhair.avatar.deformer import HairDeformer, PaperDeformer
 from dynhair.avatar.expression_modes import ExpressionModes
 from dynhair.avatar.hair import Hair
 from dynhair.avatar.head import Head, HeadGaussians, HeadStart
 from dynhair.avatar.head_pose import HeadPose, head_pose
 from dynhair.avatar.live import LiveAvatar
+from dynhair.avatar.modal import ModalDeformer
 from dynhair.avatar.recording import Recording
 from dynhair.avatar.scalp_layer import ScalpLayer
 
@@ -21,6 +22,8 @@ __all__ = [
     "HeadPose",
     "HeadStart",
     "LiveAvatar",
+    "ModalDeformer",
+    "PaperDeformer",
     "PosedAvatar",
     "Recording",
     "ScalpLayer",

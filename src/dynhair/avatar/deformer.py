@@ -1,8 +1,9 @@
-"""The hair deformation network: the head's recent motion in, displacements of the canonical strands out."""
+"""What moves the hair: the head's recent motion in, displacements of the canonical strands out."""
 
 from __future__ import annotations
 
 import itertools
+from abc import abstractmethod
 
 import torch
 from jaxtyping import Float, Int64
@@ -20,12 +21,11 @@ DISPLACEMENT_UNIT = 0.1  # metres; about one canonical unit of the face models, 
 
 
 class HairDeformer(PointNetwork):
-    """Displacements of strand points from a window of head motion (paper, "Hair deformation network").
+    """Displacements of strand points from a window of head motion.
 
-    An LSTM with learnable initial state embeds the encoded window; the embedding scales and shifts (FiLM) the encoded
-    canonical position of each point; together with the encoded place along the strand, an MLP turns it into a
-    displacement, attenuated towards the root by learnable factors. The paper's ablations (table 2) put an MLP in the
-    place of the LSTM, or the embedding beside the point's features in the place of FiLM.
+    A window becomes an embedding, and the embedding the layers of a small network; this is evaluated for each point, of
+    which it sees encoded canonical position and place along the strand. Displacements are attenuated towards the root
+    by learnable factors (paper, "Hair deformation network").
 
     The network can be evaluated at a few knots of each strand, and a natural cubic spline through what it says there
     moves the other points: displacements are smooth along a strand. The attenuation is every point's own.
@@ -36,6 +36,10 @@ class HairDeformer(PointNetwork):
     Args:
         canonical: canonical strands in the head frame, metres.
         config: sizes.
+
+    Attributes:
+        code: what the network sees of each knot, knot by knot: the encoded position, then the place.
+        position_features: how much of it is the position.
     """
 
     addresses: Tensor
@@ -51,10 +55,60 @@ class HairDeformer(PointNetwork):
         position = positional_encoding(centred.transpose(0, 1), config.position_frequencies)
         along = knots.to(canonical)[:, None] / self.points
         place = positional_encoding(along, config.place_frequencies)[:, None].expand(-1, self.strands, -1)
+        self.position_features = position.shape[-1]
         self.register_buffer("addresses", canonical.clone())
         self.register_buffer("code", torch.cat([position, place], -1).flatten(0, 1), persistent=False)
         self.register_buffer("spline", natural_spline(knots, self.points).to(canonical), persistent=False)
+        self.root_attenuation = nn.Parameter(torch.linspace(0.05, 1.0, self.points))
 
+    @abstractmethod
+    def embeddings(self, windows: Float[Tensor, "b t c"]) -> Float[Tensor, "b e"]:
+        """What windows of normalised conditions amount to."""
+
+    @abstractmethod
+    def layers(self, embedding: Float[Tensor, " e"]) -> list[PointLayer]:
+        """The network under one embedding, which all points share; it displaces them by `DISPLACEMENT_UNIT`."""
+
+    def forward(self, window: Float[Tensor, "t c"]) -> Float[Tensor, "n l 3"]:
+        """Displacements, metres, in the head frame.
+
+        Args:
+            window: normalised conditions of the frames ``t - T .. t``, oldest first.
+        """
+        return self._displacements(self.code, self.embeddings(window[None])[0])
+
+    def some(self, windows: Float[Tensor, "b t c"], chosen: Int64[Tensor, " s"]) -> Float[Tensor, "b s l 3"]:
+        """:meth:`forward` of some strands in several frames.
+
+        Args:
+            windows: one a frame.
+            chosen: indices of the strands.
+        """
+        code = self.code.view(-1, self.strands, self.code.shape[-1])[:, chosen].flatten(0, 1)
+        return torch.stack([self._displacements(code, embedding) for embedding in self.embeddings(windows)])
+
+    def _displacements(self, code: Float[Tensor, "k f"], embedding: Float[Tensor, " e"]) -> Float[Tensor, "n l 3"]:
+        """Of the strands whose knots' features are ``code``, knot by knot."""
+        at_knots = evaluate_chunked(code, self.layers(embedding), self.dtype).view(self.spline.shape[1], -1)
+        attenuated = (DISPLACEMENT_UNIT * self.root_attenuation)[:, None] * self.spline
+        return (attenuated @ at_knots).view(self.points, -1, 3).transpose(0, 1)
+
+
+class PaperDeformer(HairDeformer):
+    """The paper's network (paper, "Hair deformation network").
+
+    An LSTM with learnable initial state embeds the encoded window; the embedding scales and shifts (FiLM) the encoded
+    canonical position of each point; together with the encoded place along the strand, an MLP turns it into a
+    displacement. The paper's ablations (table 2) put an MLP in the place of the LSTM, or the embedding beside the
+    point's features in the place of FiLM.
+
+    Args:
+        canonical: canonical strands in the head frame, metres.
+        config: sizes.
+    """
+
+    def __init__(self, canonical: Float[Tensor, "n l 3"], config: DeformerConfig) -> None:
+        super().__init__(canonical, config)
         signal_size = encoded_size(3 * len(signal_names(config)), config.signal_frequencies)
         if config.encoder == "lstm":
             self.lstm = nn.LSTM(signal_size, config.hidden, batch_first=True)
@@ -69,7 +123,7 @@ class HairDeformer(PointNetwork):
                 nn.Linear(config.hidden, config.hidden),
             )
         if config.film:
-            self.film = nn.Linear(config.hidden, 2 * position.shape[-1])
+            self.film = nn.Linear(config.hidden, 2 * self.position_features)
         features = self.code.shape[-1] + (0 if config.film else config.hidden)
         sizes = (features, *[config.width] * config.layers, 3)
         self.mlp = nn.ModuleList([nn.Linear(a, b) for a, b in itertools.pairwise(sizes)])
@@ -77,35 +131,9 @@ class HairDeformer(PointNetwork):
         assert isinstance(last, nn.Linear)
         nn.init.normal_(last.weight, std=1e-4)  # the hair starts at rest
         nn.init.zeros_(last.bias)
-        self.root_attenuation = nn.Parameter(torch.linspace(0.05, 1.0, self.points))
 
-    def forward(self, window: Float[Tensor, "t c"]) -> Float[Tensor, "n l 3"]:
-        """Displacements, metres, in the head frame.
-
-        Args:
-            window: normalised conditions of the frames ``t - T .. t``, oldest first.
-        """
-        return self._displacements(self.code, self._embeddings(window[None])[0])
-
-    def some(self, windows: Float[Tensor, "b t c"], chosen: Int64[Tensor, " s"]) -> Float[Tensor, "b s l 3"]:
-        """:meth:`forward` of some strands in several frames.
-
-        Args:
-            windows: one a frame.
-            chosen: indices of the strands.
-        """
-        code = self.code.view(-1, self.strands, self.code.shape[-1])[:, chosen].flatten(0, 1)
-        return torch.stack([self._displacements(code, embedding) for embedding in self._embeddings(windows)])
-
-    def _displacements(self, code: Float[Tensor, "k f"], embedding: Float[Tensor, " hidden"]) -> Float[Tensor, "n l 3"]:
-        """Of the strands whose knots' features are ``code``, knot by knot."""
-        first, *rest = [PointLayer(layer.weight, layer.bias) for layer in self.mlp if isinstance(layer, nn.Linear)]
-        layers = [self._conditioned(first, embedding), *rest]
-        at_knots = evaluate_chunked(code, layers, self.dtype).view(self.spline.shape[1], -1)
-        attenuated = (DISPLACEMENT_UNIT * self.root_attenuation)[:, None] * self.spline
-        return (attenuated @ at_knots).view(self.points, -1, 3).transpose(0, 1)
-
-    def _embeddings(self, windows: Float[Tensor, "b t c"]) -> Float[Tensor, "b hidden"]:
+    def embeddings(self, windows: Float[Tensor, "b t c"]) -> Float[Tensor, "b hidden"]:
+        """What the encoder makes of windows of normalised conditions."""
         signals = positional_encoding(windows, self.config.signal_frequencies)
         if self.config.encoder == "mlp":
             return self.window_mlp(signals.flatten(1))
@@ -113,8 +141,15 @@ class HairDeformer(PointNetwork):
         _, (embeddings, _) = self.lstm(signals, initial)
         return embeddings[0]
 
-    def _conditioned(self, first: PointLayer, embedding: Float[Tensor, " hidden"]) -> PointLayer:
+    def layers(self, embedding: Float[Tensor, " hidden"]) -> list[PointLayer]:
+        """The MLP, what the embedding does to the points' features folded into its first layer."""
+        _, *others = [PointLayer(layer.weight, layer.bias) for layer in self.mlp if isinstance(layer, nn.Linear)]
+        return [self._first_layer(embedding), *others]
+
+    def _first_layer(self, embedding: Float[Tensor, " hidden"]) -> PointLayer:
         """The first layer under one embedding, which all points share: it folds into weights and bias."""
+        first = self.mlp[0]
+        assert isinstance(first, nn.Linear)
         if not self.config.film:
             on_points, on_embedding = first.weight.split([self.code.shape[-1], len(embedding)], dim=1)
             return PointLayer(on_points, first.bias + on_embedding @ embedding)

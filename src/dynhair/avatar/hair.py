@@ -6,7 +6,8 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor, nn
 
-from dynhair.avatar.deformer import HairDeformer
+from dynhair.avatar.deformer import HairDeformer, PaperDeformer
+from dynhair.avatar.modal import ModalDeformer
 from dynhair.avatar.spherical_harmonics import COEFFICIENTS, constant_coefficient
 from dynhair.config import DeformerConfig
 from dynhair.editing import HairLook
@@ -19,6 +20,11 @@ class RigidDeformer(nn.Module):
     def __init__(self, config: DeformerConfig) -> None:
         super().__init__()
         self.config = config
+
+
+def hair_deformer(canonical: Float[Tensor, "n l 3"], config: DeformerConfig) -> HairDeformer:
+    """A fresh deformer of the configured kind."""
+    return (ModalDeformer if config.kind == "modal" else PaperDeformer)(canonical, config)
 
 
 class Hair(nn.Module):
@@ -43,7 +49,7 @@ class Hair(nn.Module):
         super().__init__()
         self.width = width
         self.strands = nn.Parameter(canonical.clone())
-        self.deformer = HairDeformer(canonical, deformer) if dynamic else RigidDeformer(deformer)
+        self.deformer = hair_deformer(canonical, deformer) if dynamic else RigidDeformer(deformer)
         count = canonical.shape[0] * (canonical.shape[1] - 1)
         self.base_harmonic = nn.Parameter(constant_coefficient(colour)[None, :, None].repeat(1, 1, count))
         self.higher_harmonics = nn.Parameter(torch.zeros(COEFFICIENTS - 1, 3, count))

@@ -50,11 +50,5 @@ def head_forces(track: HeadTrack) -> list[HeadForces]:
     count = len(track.translations)
     if count < 3:
         raise DynhairError(f"a head track of {count} frames has no accelerations", expected="three frames or more")
-    positions = torch.as_tensor(track.translations, dtype=torch.float64)
-    accelerations = positions.diff(n=2, dim=0) * track.fps**2
-    accelerations = torch.cat([accelerations[:1], accelerations, accelerations[-1:]])
-    gravity = torch.as_tensor(track.gravity, dtype=torch.float64)
-    to_head = torch.as_tensor(track.rotations, dtype=torch.float64).mT
-    pulls = (to_head @ (gravity - accelerations)[..., None]).squeeze(-1).float()
     signals = motion_signals(track)
-    return [HeadForces(*parts) for parts in zip(signals.omega, signals.alpha, pulls, strict=True)]
+    return [HeadForces(*parts) for parts in zip(signals.omega, signals.alpha, signals.pull, strict=True)]

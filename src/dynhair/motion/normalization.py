@@ -15,12 +15,18 @@ from dynhair.motion.signals import MotionSignals
 FLOORS = {"omega": 0.05, "alpha": 0.5, "rotation": 0.05, "translation": 0.01}
 """rad/s, rad/s^2, rad, metres: an axis whose range in the training set is below this is not magnified any further."""
 
+GRAVITY = 9.81
+"""m/s^2, what a pull is measured in."""
+
 
 def signal_names(config: DeformerConfig) -> tuple[str, ...]:
     """Which of the :class:`MotionSignals` the hair sees, in the order of the conditions' columns.
 
-    The paper's are angular velocity, angular acceleration and gravity; the others are its ablations (table 2).
+    The paper's are angular velocity, angular acceleration and gravity; pose, and the lack of any, are its ablations
+    (table 2). Modes see all that accelerates matter in the head's frame.
     """
+    if config.kind == "modal":
+        return ("omega", "alpha", "pull")
     if config.signals == "pose":
         motion = ("rotation", "translation")
     else:
@@ -32,8 +38,9 @@ class SignalNormalizer(nn.Module):
     """Divides motion signals by their largest magnitudes in the training set (paper, "Motion conditioning").
 
     The maxima are per axis. An axis that hardly moved would turn tracking noise into full-scale conditions, so maxima
-    are never less than a physical floor. Gravity is a direction and stays as it is; translations count from their mean.
-    All that is buffers, saved with the model; a fresh normalizer divides by one.
+    are never less than a physical floor. Gravity is a direction and stays as it is; translations count from their mean,
+    and a pull, in gravities, from that on the head at rest. All that is buffers, saved with the model; a fresh
+    normalizer divides by one.
 
     Args:
         config: which signals the hair sees; the paper's by default.
@@ -47,14 +54,22 @@ class SignalNormalizer(nn.Module):
                 self.register_buffer(f"{name}_max", torch.ones(3))
         if "translation" in self.names:
             self.register_buffer("translation_mean", torch.zeros(3))
+        if "pull" in self.names:
+            self.register_buffer("pull_at_rest", torch.zeros(3))
 
     @classmethod
-    def fit(cls, signals: Sequence[MotionSignals], config: DeformerConfig | None = None) -> SignalNormalizer:
+    def fit(
+        cls,
+        signals: Sequence[MotionSignals],
+        config: DeformerConfig | None = None,
+        pull_at_rest: Float[Tensor, "3"] | None = None,
+    ) -> SignalNormalizer:
         """Take the maxima over the motions of the training set.
 
         Args:
             signals: the motion of each training segment.
             config: which signals the hair sees; the paper's by default.
+            pull_at_rest: on the head at rest, in its frame, m/s^2; that in the first frame by default.
 
         Raises:
             DynhairError: there are none.
@@ -64,6 +79,8 @@ class SignalNormalizer(nn.Module):
         normalizer = cls(config)
         if "translation" in normalizer.names:
             normalizer.get_buffer("translation_mean").copy_(torch.cat([s.translation for s in signals]).mean(0))
+        if "pull" in normalizer.names:
+            normalizer.get_buffer("pull_at_rest").copy_(signals[0].pull[0] if pull_at_rest is None else pull_at_rest)
         for name in normalizer.names:
             if name in FLOORS:
                 largest = torch.cat([normalizer._centred(s, name) for s in signals]).abs().amax(0)
@@ -71,11 +88,13 @@ class SignalNormalizer(nn.Module):
         return normalizer
 
     def forward(self, signals: MotionSignals) -> Float[Tensor, "f c"]:
-        """Concatenate the signals frame by frame, all but gravity scaled and clamped to [-1, 1]."""
+        """Concatenate the signals frame by frame, scaled, and all but gravity and pull clamped to [-1, 1]."""
         return torch.cat([self._scaled(signals, name) for name in self.names], dim=-1)
 
     def _scaled(self, signals: MotionSignals, name: str) -> Float[Tensor, "f 3"]:
         values = self._centred(signals, name)
+        if name == "pull":
+            return (values - self.get_buffer("pull_at_rest")) / GRAVITY
         return (values / self.get_buffer(f"{name}_max")).clamp(-1, 1) if name in FLOORS else values
 
     def _centred(self, signals: MotionSignals, name: str) -> Float[Tensor, "f 3"]:

@@ -1,4 +1,4 @@
-"""What moves the hair: the head's angular velocity, angular acceleration, relative gravity, and pose."""
+"""What moves the hair: the head's angular velocity, angular acceleration, relative gravity, pull, and pose."""
 
 from __future__ import annotations
 
@@ -23,6 +23,8 @@ class MotionSignals:
         gravity: unit direction of gravity in the head's frame.
         rotation: head-local to world, as a rotation vector (axis times angle, radians).
         translation: position of the head frame's origin in the world, metres.
+        pull: gravity less the acceleration of that origin, in the head's frame, m/s^2: what a weight on a thread hangs
+            along.
     """
 
     omega: Float[Tensor, "f 3"]
@@ -30,6 +32,7 @@ class MotionSignals:
     gravity: Float[Tensor, "f 3"]
     rotation: Float[Tensor, "f 3"]
     translation: Float[Tensor, "f 3"]
+    pull: Float[Tensor, "f 3"]
 
     def to(self, device: torch.device | str) -> MotionSignals:
         """The same signals on a device."""
@@ -78,7 +81,17 @@ def motion_signals(track: HeadTrack) -> MotionSignals:
         gravity=direction.float(),
         rotation=so3_log(rotations).float(),
         translation=torch.as_tensor(track.translations, dtype=torch.float32),
+        pull=(to_head @ (gravity - _accelerations(track))[..., None]).squeeze(-1).float(),
     )
+
+
+def _accelerations(track: HeadTrack) -> Float[Tensor, "f 3"]:
+    """Of the head frame's origin, m/s^2: second differences; at either end that of the neighbouring frame."""
+    positions = torch.as_tensor(track.translations, dtype=torch.float64)
+    if len(positions) < 3:
+        return torch.zeros_like(positions)
+    inner = positions.diff(n=2, dim=0) * track.fps**2
+    return torch.cat([inner[:1], inner, inner[-1:]])
 
 
 def _seconds(frames: Tensor, fps: float) -> Float[Tensor, "f 1"]:

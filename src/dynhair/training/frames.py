@@ -33,6 +33,13 @@ def head_frame(track: HeadTrack, index: int) -> Callable[[Tensor], Tensor]:
     return lambda points: (points - translation) @ rotation
 
 
+def pull_at_rest(capture: Capture) -> Float[Tensor, "3"]:
+    """Gravity in the head frame of the rest frame, m/s^2: what the canonical hair bears."""
+    segment, index = rest_frame(capture)
+    rotation = torch.from_numpy(capture.track(segment).rotations[index])
+    return (rotation.T @ torch.from_numpy(capture.gravity)).float()
+
+
 def training_cameras(capture: Capture, count: int) -> list[str]:
     """Names of the cameras that the joint training uses: the ``count`` that the face looks at most; all if 0."""
     if count == 0:

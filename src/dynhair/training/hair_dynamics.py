@@ -12,7 +12,7 @@ from dynhair.avatar import Hair
 from dynhair.capture import Capture, Segment
 from dynhair.losses import HairSprings, dynamics_loss
 from dynhair.motion import HeadForces, head_forces, motion_windows
-from dynhair.training.frames import rest_frame
+from dynhair.training.frames import pull_at_rest
 
 LEAST_FRAMES = 3
 """Of a segment that has accelerations."""
@@ -43,9 +43,7 @@ class HairDynamics(nn.Module):
         self.springs = HairSprings(rest)
         self._conditions, self._strands, self._fps = conditions, strands, capture.fps
         self._forces = [self._forces_of(capture, segment) for segment in segments]
-        segment, index = rest_frame(capture)
-        rotation = torch.from_numpy(capture.track(segment).rotations[index])
-        self._pull_at_rest = (rotation.T @ torch.from_numpy(capture.gravity)).float().to(self._device)
+        self._pull_at_rest = pull_at_rest(capture).to(self._device)
 
     def forward(self, hair: Hair, segment: int, index: int, generator: torch.Generator) -> Float[Tensor, ""] | None:
         """:func:`dynhair.losses.dynamics_loss` of strands drawn at random.

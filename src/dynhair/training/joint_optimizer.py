@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from dynhair.avatar import ModalDeformer
 from dynhair.config import LearningRates
 from dynhair.training.objective import JointObjective
 
@@ -18,11 +19,13 @@ def joint_optimizer(objective: JointObjective, rates: LearningRates) -> torch.op
     """
     avatar = objective.avatar
     hair, head = avatar.hair, avatar.head
+    modes = hair.deformer.oscillators if isinstance(hair.deformer, ModalDeformer) else None
     own = {
         "strands": [hair.strands],
         "hair_colour": [hair.base_harmonic],
         "hair_gloss": [hair.higher_harmonics],
-        "deformer": list(hair.deformer.parameters()),
+        "modes": list(modes.parameters()) if modes is not None else [],
+        "deformer": [p for name, p in hair.deformer.named_parameters() if not name.startswith("oscillators.")],
         "head_means": [head.means],
         "head_modes": list(head.modes.parameters()),
         "head_features": [head.features],

@@ -26,7 +26,7 @@ from dynhair.strands.files import read_strands
 from dynhair.threads import keep_large_blocks, large_pieces
 from dynhair.training.batches import load_batch
 from dynhair.training.checkpoint import Checkpoint
-from dynhair.training.frames import rest_frame, training_cameras, training_segments
+from dynhair.training.frames import pull_at_rest, rest_frame, training_cameras, training_segments
 from dynhair.training.head_on_mesh import start_head_on_mesh
 from dynhair.training.head_start import start_head
 from dynhair.training.joint_training import JointTraining
@@ -185,7 +185,8 @@ class _Training:
         deformer = self.config.hair.deformer
         hair = Hair(strands, strand_width(len(strands)), self._hair_colour(), deformer, self.config.hair.dynamic)
         use_precision(hair, self._precision)
-        normalizer = SignalNormalizer.fit([motion_signals(self.capture.track(s)) for s in self.segments], deformer)
+        signals = [motion_signals(self.capture.track(segment)) for segment in self.segments]
+        normalizer = SignalNormalizer.fit(signals, deformer, pull_at_rest(self.capture))
         background = torch.from_numpy(self.capture.background).float()
         layer = ScalpLayer.under(strands[:, 0], head.means.detach(), started.scalp)
         basis, recording = self.capture.expression_basis, capture_recording(self.capture)
