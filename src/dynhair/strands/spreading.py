@@ -29,4 +29,4 @@ def farthest_points(points: Float[Tensor, "n 3"], count: int) -> Int64[Tensor, "
         torch.minimum(gaps, (places - places[chosen[-1]]).square().sum(1), out=gaps)
         gaps[chosen[-1]] = -1.0  # taken, so that of points in one place each is taken once
         chosen.append(int(gaps.argmax()))
-    return torch.tensor(chosen[:count], device=points.device)
+    return torch.tensor(chosen[:count], dtype=torch.long, device=points.device)
