@@ -26,4 +26,5 @@ def any_motion(
         ids=np.sort(random.choice(10 * strands, strands, replace=False)),
         head_transforms=transforms,
         head_faces=np.array([[0, 1, 2], [3, 4, 5], [4, 5, 6]]) if mesh else None,
+        head_colours=random.random((7, 3), np.float32) if mesh else None,
     )

@@ -49,7 +49,7 @@ def test_any_motion_comes_back(strands: int, points: int, frames: int, mesh: boo
     matrices = np.stack(found.properties["/head/.xform/.vals"].samples).reshape(-1, 4, 4)
     assert np.array_equal(matrices.transpose(0, 2, 1), motion.head_transforms)
     inherits = found.properties["/head/.xform/.inherits"]
-    assert inherits.times == positions.times
+    assert inherits.times == found.properties[f"{STRANDS}/P"].times
     assert (inherits.stored, inherits.samples[-1].item()) == (1, True)
     first = read_strands(tmp_path / "hair.abc")
     assert first.counts.tolist() == [points] * strands
@@ -111,6 +111,15 @@ def test_objects_have_the_schemas_of_curves_meshes_and_transforms(tmp_path: Path
     # clockwise from outside
     assert found.properties[f"{SKIN}/.faceIndices"].samples[0].ravel().tolist() == [2, 1, 0, 5, 4, 3, 6, 5, 4]
     assert found.properties[f"{SKIN}/.faceCounts"].samples[0].ravel().tolist() == [3, 3, 3]
+
+
+def test_the_skin_is_coloured_where_its_colours_are_known(tmp_path: Path) -> None:
+    motion, name = any_motion(), f"{SKIN}/.arbGeomParams/Cd"
+    assert motion.head_colours is not None
+    found = read(motion, tmp_path / "hair.abc").properties[name]
+    assert np.array_equal(found.samples[0], linear_colours(motion.head_colours))
+    assert (found.metadata["geoScope"], found.metadata["interpretation"]) == ("vtx", "rgb")
+    assert name not in read(replace(motion, head_colours=None), tmp_path / "plain.abc").properties
 
 
 @pytest.mark.parametrize(

@@ -133,6 +133,17 @@ def test_vertices_are_displaced_by_the_mean_of_their_gaussians(avatar: Avatar) -
     np.testing.assert_allclose(moved.detach().numpy() - [0, 0, 0.5], head, atol=1e-6)
 
 
+def test_vertices_have_the_colours_of_the_gaussians_around_them(avatar: Avatar) -> None:
+    with torch.no_grad():
+        avatar.head.base_colours.copy_(avatar.head.means)  # a colour of its own in every place
+        for parameter in avatar.head.colour.parameters():
+            parameter.zero_()
+        bound = BoundMesh.to(avatar.head, any_mesh())
+        found = (avatar.head.base_colours[bound.near] * bound.shares[..., None]).sum(1).clamp(0, 1)
+    torch.testing.assert_close(bound.colours, found, atol=2e-3, rtol=0)  # opacities differ a little
+    assert ((bound.colours - any_mesh().vertices.clamp(0, 1)).norm(dim=1) < 0.03).all()
+
+
 def test_frames_that_do_not_fit_the_motion_are_refused(avatar: Avatar) -> None:
     motion = strand_motion(avatar, head_track())
     other = replace(motion, at=lambda _: MotionFrame(np.zeros((3, 8, 3), np.float32)))

@@ -83,6 +83,9 @@ def test_looks_and_units(tmp_path: Path) -> None:
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/avatar/skin"))
     assert motion.head_faces is not None
     assert list(mesh.GetFaceVertexIndicesAttr().Get()) == motion.head_faces.ravel().tolist()
+    assert motion.head_colours is not None
+    assert np.array_equal(mesh.GetDisplayColorPrimvar().Get(), linear_colours(motion.head_colours))
+    assert mesh.GetDisplayColorPrimvar().GetInterpolation() == "vertex"
     assert UsdGeom.Mesh.ValidateTopology(
         mesh.GetFaceVertexIndicesAttr().Get(), mesh.GetFaceVertexCountsAttr().Get(), 7
     ) == (True, "")

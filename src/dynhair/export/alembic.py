@@ -49,7 +49,7 @@ def write_alembic(path: Path | str, motion: StrandMotion, *, units_per_metre: fl
     with atomic_file(path) as temporary, archive(temporary, motion.fps, description) as top:
         strands = _Points(_curves(top, motion, units_per_metre))
         _head(top, motion.head_transforms, units_per_metre)
-        skin = None if motion.head_faces is None else _Points(_mesh(top, motion.head_faces))
+        skin = None if motion.head_faces is None else _Points(_mesh(top, motion.head_faces, motion.head_colours))
         for frame in motion:
             strands.add(units_per_metre * frame.strands.reshape(-1, 3))
             if skin is not None and frame.head is not None:
@@ -91,12 +91,15 @@ def _curves(top: Node, motion: StrandMotion, units_per_metre: float) -> Properti
     return geometry
 
 
-def _mesh(top: Node, faces: np.ndarray) -> Properties:
+def _mesh(top: Node, faces: np.ndarray, colours: np.ndarray | None) -> Properties:
     """The mesh, but for its points; returns where these belong."""
     geometry = _shape(_transform(top, "skin")[0], "surface", "AbcGeom_PolyMesh_v1")
     # Alembic's faces are clockwise seen from outside
     geometry.array(".faceIndices", "<i4").add(faces[:, ::-1].ravel())
     geometry.array(".faceCounts", "<i4").add(np.full(len(faces), faces.shape[1]))
+    if colours is not None:
+        attributes = geometry.compound(".arbGeomParams")
+        _parameter(attributes, "Cd", _VERTEX, extent=3, interpretation="rgb").add(linear_colours(colours))
     return geometry
 
 

@@ -59,6 +59,7 @@ class BoundMesh:
         anchors: the head's Gaussians at rest, head frame, metres.
         near: those that carry each vertex.
         shares: of these in it; they sum to 1.
+        colours: of the vertices at rest, sRGB in [0, 1].
     """
 
     head: Head
@@ -66,6 +67,7 @@ class BoundMesh:
     anchors: Float[Tensor, "k 3"]
     near: Int64[Tensor, "v q"]
     shares: Float[Tensor, "v q"]
+    colours: Float[Tensor, "v 3"]
 
     @classmethod
     def to(cls, head: Head, mesh: HeadMesh) -> BoundMesh:
@@ -75,14 +77,17 @@ class BoundMesh:
         skinning = head.skinning
         rotation, translation = skinning.rest_rotation, skinning.rest_translation
         with torch.no_grad():
-            means = head.world_means(HeadPose(rotation, translation, so3_log(rotation), head.modes.rest))
-        anchors = (means - translation) @ rotation
+            posed = head(HeadPose(rotation, translation, so3_log(rotation), head.modes.rest))
+        anchors = (posed.means - translation) @ rotation
         points = [np.ascontiguousarray(every.cpu().numpy(), np.float32) for every in (anchors, mesh.vertices)]
         distances, near = KDTree(points[0]).query(points[1], k=min(NEIGHBOURS, len(anchors)))
-        weights = 1 / torch.from_numpy(distances.reshape(len(mesh.vertices), -1)).clamp_min(LEAST_DISTANCE).square()
+        indices = torch.from_numpy(near.astype(np.int64)).reshape(len(mesh.vertices), -1).to(anchors.device)
+        weights = 1 / torch.from_numpy(distances).reshape(len(mesh.vertices), -1).clamp_min(LEAST_DISTANCE).square()
         shares = (weights / weights.sum(1, keepdim=True)).to(anchors)
-        indices = torch.from_numpy(near.reshape(len(mesh.vertices), -1).astype(np.int64)).to(anchors.device)
-        return cls(head, HeadMesh(mesh.vertices.to(anchors), mesh.faces), anchors, indices, shares)
+        seen = shares * posed.opacities[indices]
+        colours = (posed.colours[indices, :3] * seen[..., None]).sum(1) / seen.sum(1, keepdim=True).clamp_min(1e-9)
+        rest = HeadMesh(mesh.vertices.to(anchors), mesh.faces)
+        return cls(head, rest, anchors, indices, shares, colours.clamp(0, 1))
 
     def vertices(self, pose: HeadPose, means: Float[Tensor, "k 3"]) -> Float[Tensor, "v 3"]:
         """The mesh in one frame, world, metres.

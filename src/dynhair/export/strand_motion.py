@@ -47,6 +47,7 @@ class StrandMotion:
         ids: of the strands; an avatar's strand keeps its id when others are cut away.
         head_transforms: of the head frame in the world, metres, for column vectors, in every frame.
         head_faces: of the head mesh, counter-clockwise seen from outside; None where there is no mesh.
+        head_colours: of its vertices, sRGB in [0, 1]; None where they are not known.
     """
 
     at: Callable[[int], MotionFrame]
@@ -57,6 +58,7 @@ class StrandMotion:
     ids: Int64[np.ndarray, " n"]
     head_transforms: Float64[np.ndarray, "f 4 4"]
     head_faces: Int64[np.ndarray, "t 3"] | None = None
+    head_colours: Float32[np.ndarray, "v 3"] | None = None
 
     def __len__(self) -> int:
         return len(self.head_transforms)
@@ -131,6 +133,7 @@ def strand_motion(
         ids=look.ids.cpu().numpy(),
         head_transforms=_transforms(track, chosen),
         head_faces=None if mesh is None else mesh.faces.numpy(),
+        head_colours=None if surface is None else _array(surface.colours),
     )
 
 

@@ -87,7 +87,7 @@ def _write_stage(path: Path, motion: StrandMotion, camera: Camera | None) -> Non
     Usd.ModelAPI(root).SetKind(Kind.Tokens.component)
     strands = _strands(stage, motion)
     _head(stage, motion.head_transforms)
-    skin = None if motion.head_faces is None else _mesh(stage, motion.head_faces)
+    skin = None if motion.head_faces is None else _mesh(stage, motion.head_faces, motion.head_colours)
     if camera is not None:
         _camera(stage, camera)
 
@@ -130,7 +130,7 @@ def _strands(stage: Usd.Stage, motion: StrandMotion) -> Any:
     return curves
 
 
-def _mesh(stage: Usd.Stage, faces: np.ndarray) -> Any:
+def _mesh(stage: Usd.Stage, faces: np.ndarray, colours: np.ndarray | None) -> Any:
     """The mesh, but for what moves."""
     from pxr import UsdGeom, Vt
 
@@ -138,6 +138,9 @@ def _mesh(stage: Usd.Stage, faces: np.ndarray) -> Any:
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(faces), faces.shape[1], np.int32)))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).ravel()))
+    if colours is not None:
+        linear = Vt.Vec3fArray.FromNumpy(linear_colours(colours))
+        mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex).Set(linear)
     return mesh
 
 
