@@ -223,7 +223,7 @@ def animate(
         seconds: Length of a named motion; another is cut off there.
         amplitude: Of a named motion, degrees.
         speed: Of a named motion, as a factor.
-        smoothing: Hz above which motion counts as jitter and is removed; 6 for a video, else 0, which is none.
+        smoothing: Hz above which motion counts as jitter and is removed; 5 for a video, else 0, which is none.
         rigid_hair: Keep the hair in its canonical shape.
     """
     from dynhair.animation.run import run_animation

@@ -55,4 +55,5 @@ class LowPass:
 
     def _filtered(self, values: Float64[np.ndarray, "n d"]) -> Float64[np.ndarray, "n d"]:
         sections = butter(self.order, self.cutoff, fs=self.rate, output="sos")
-        return sosfiltfilt(sections, values, axis=0, padlen=0)
+        # a copy, for what is filtered backwards lies backwards in memory, which torch does not take
+        return np.ascontiguousarray(sosfiltfilt(sections, values, axis=0, padlen=0))
