@@ -70,7 +70,7 @@ def main() -> None:
     if scene.camera is not None:
         views = [world_to_camera_view(scene, scene.camera, Vector(point)) for point in strands[0].tolist()]
         found["projected"] = np.array(views)[:, :2]
-    np.savez(out, **{name: np.array(value) for name, value in found.items()})
+    np.savez(out, allow_pickle=False, **{name: np.array(value) for name, value in found.items()})
 
 
 if __name__ == "__main__":

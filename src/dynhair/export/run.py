@@ -62,7 +62,7 @@ class Driven:
 def run_export(
     path: Path | str,
     out: Path | str,
-    formats: Sequence[Format] = ("ply",),
+    formats: Sequence[str] = ("ply",),
     *,
     motion: str | None = None,
     frames: str | None = None,
@@ -87,7 +87,7 @@ def run_export(
     Args:
         path: the avatar's folder, or the run's.
         out: folder for the files. Files of another export there are replaced, folders of sequences as a whole.
-        formats: what to write.
+        formats: what to write, see :data:`Format`.
         motion: what drives the avatar, see :func:`dynhair.animation.driving_track`; without it, the avatar is at rest.
         frames: which frames of the motion, as ``START:STOP``, of which either may be left out; all by default. Numbered
             files have the numbers of the motion's frames.
@@ -114,7 +114,7 @@ def run_export(
         lost = "splats have the colours before super-resolution, for viewers have no network to make the others"
         console.print(Text(lost, style="dim"))
     written = []
-    with StageProgress(console).shown() as progress:
+    with StageProgress(console, lines=2).shown() as progress:
         for name in dict.fromkeys(formats):
             written.append(_WRITERS[name](out, driven, progress.stage(name, len(chosen))))
     for file in written:
@@ -250,7 +250,7 @@ def _write_motion(out: Path, driven: Driven, stage: Stage) -> Path:
     return out / "motion.npz"
 
 
-_WRITERS: Mapping[Format, Callable[[Path, Driven, Stage], Path]] = {
+_WRITERS: Mapping[str, Callable[[Path, Driven, Stage], Path]] = {
     "ply": _splat_writer("ply", write_splats, "ply"),
     "compressed": _splat_writer("compressed", write_compressed_splats, "compressed.ply"),
     "usd": _write_usd,
