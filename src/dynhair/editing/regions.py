@@ -24,8 +24,11 @@ EXPECTED = (
     "ids:1,5-20 or ids:FILE"
 )
 
-TOP = math.radians(55)
-"""Elevation above which a root is on top of the head; the others are in the front, left, right or back quarter."""
+TOP = math.radians(60)
+"""Elevation above which a root is on top of the head."""
+
+TEMPLE, EAR = math.radians(30), math.radians(115)
+"""Azimuths from the face's at which the front ends, and behind the ear at which the back begins."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +36,10 @@ class NamedRegion:
     """A part of the head as a hairdresser sections it.
 
     The centre of the head is taken to lie amid the roots, as far below the uppermost one as they reach to the sides on
-    average. Seen from there, ``top`` is what is higher than `TOP`; the rest falls into four quarters by azimuth:
-    ``front`` about +z, ``left`` (the subject's) about +x, ``back`` about -z, ``right`` about -x. Every strand is in
-    exactly one of these five. ``sides`` is left and right, ``all`` everything.
+    average. Seen from there, ``top`` is what is higher than `TOP`. Below, ``front`` (or ``fringe``) is what lies within
+    `TEMPLE` of +z by azimuth, ``back`` what lies beyond `EAR`, and between them are ``left``, the subject's, towards +x
+    and ``right`` towards -x. Every strand is in exactly one of these five. ``sides`` is left and right, ``all``
+    everything.
     """
 
     name: str
@@ -47,21 +51,20 @@ class NamedRegion:
         centre[1] = high[1] - (high - low)[[0, 2]].mean() / 2
         x, y, z = (roots - centre).unbind(1)
         top = torch.atan2(y, torch.hypot(x, z)) > TOP
-        quarter = (torch.atan2(x, z) / (math.pi / 2)).round().long() % 4  # front, left, back, right
-        return _SECTIONS[self.name](top, quarter)
+        return _SECTIONS[self.name](top, torch.atan2(x, z))
 
     def __str__(self) -> str:
         return self.name
 
 
 _SECTIONS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
-    WHOLE: lambda top, quarter: torch.ones_like(top),
-    "top": lambda top, quarter: top,
-    "front": lambda top, quarter: ~top & (quarter == 0),
-    "left": lambda top, quarter: ~top & (quarter == 1),
-    "back": lambda top, quarter: ~top & (quarter == 2),
-    "right": lambda top, quarter: ~top & (quarter == 3),
-    "sides": lambda top, quarter: ~top & (quarter % 2 == 1),
+    WHOLE: lambda top, azimuth: torch.ones_like(top),
+    "top": lambda top, azimuth: top,
+    "front": lambda top, azimuth: ~top & (azimuth.abs() < TEMPLE),
+    "left": lambda top, azimuth: ~top & (azimuth >= TEMPLE) & (azimuth <= EAR),
+    "right": lambda top, azimuth: ~top & (azimuth <= -TEMPLE) & (azimuth >= -EAR),
+    "sides": lambda top, azimuth: ~top & (azimuth.abs() >= TEMPLE) & (azimuth.abs() <= EAR),
+    "back": lambda top, azimuth: ~top & (azimuth.abs() > EAR),
 }
 _OTHER_NAMES = {"fringe": "front"}
 
