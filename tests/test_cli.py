@@ -9,6 +9,7 @@ from typing import get_args
 import pytest
 
 from dynhair.cli import VERBS, StageName
+from dynhair.cli_avatar import FormatName, animate
 
 HEAVY = ("torch", "warp", "numpy", "PIL", "rich.progress", "lightning_fabric")
 
@@ -47,3 +48,11 @@ def test_the_command_line_knows_every_stage() -> None:
     from dynhair.training import trainer
 
     assert get_args(StageName) == get_args(trainer.StageName)
+
+
+def test_the_command_line_knows_every_format_and_every_motion() -> None:
+    from dynhair.animation import MOTIONS
+    from dynhair.export.run import Format
+
+    assert get_args(FormatName) == get_args(Format)
+    assert all(name in (animate.__doc__ or "") for name in MOTIONS)

@@ -11,6 +11,7 @@ import tyro
 from tyro.conf import Positional, arg, subcommand
 
 from dynhair.ablations import ABLATIONS, AblationName
+from dynhair.cli_avatar import animate, edit, export, view
 from dynhair.errors import DynhairError
 from dynhair.preprocess.options import ImportOptions, PreprocessOptions
 
@@ -191,59 +192,6 @@ def render(
     )
 
 
-def animate(
-    avatar: Positional[Path],
-    motion: str,
-    camera: str = "front",
-    capture: Path | None = None,
-    out: Path = Path("animation.mp4"),
-    png: bool = False,
-    size: int | None = None,
-    seconds: float | None = None,
-    amplitude: float | None = None,
-    speed: float = 1.0,
-    smoothing: float | None = None,
-    rigid_hair: bool = False,
-) -> None:
-    """Animate an avatar by a motion of any kind, filmed from anywhere, as a video or as pictures with transparency.
-
-    A picture beside the result shows the newest frame meanwhile. An interrupted folder of pictures goes on where it
-    was.
-
-    Args:
-        avatar: The avatar's folder, or the run's.
-        motion: A named motion (nod, turn, shake, tilt, figure-eight, stop, impulse), a motion file (.npz, .json, .csv),
-            a video of a head, or a segment of a capture: CAPTURE:SEGMENT, or its name alone.
-        camera: front, orbit (once round the head), orbit:30 (degrees a second), a path of key frames (.json), or a
-            capture's camera: CAPTURE:CAMERA, or its name alone.
-        capture: Whose segments and cameras may be named alone; the run's own by default.
-        out: A video (.mp4), or a folder for PNG pictures.
-        png: Write PNG pictures too, in a folder beside the video.
-        size: Pixels of the longer side; the camera's own by default.
-        seconds: Length of a named motion; another is cut off there.
-        amplitude: Of a named motion, degrees.
-        speed: Of a named motion, as a factor.
-        smoothing: Hz above which motion counts as jitter and is removed; 5 for a video, else 0, which is none.
-        rigid_hair: Keep the hair in its canonical shape.
-    """
-    from dynhair.animation.run import run_animation
-
-    run_animation(
-        avatar,
-        motion,
-        camera=camera,
-        capture=capture,
-        out=out,
-        png=png,
-        size=size,
-        seconds=seconds,
-        amplitude=amplitude,
-        speed=speed,
-        smoothing=smoothing,
-        rigid_hair=rigid_hair,
-    )
-
-
 def evaluate(avatar: Positional[Path], capture: Positional[Path], out: Path | None = None) -> None:
     """Measure an avatar on a capture's motions, held-out ones first: tables, metrics.json, videos, pictures.
 
@@ -397,6 +345,9 @@ VERBS = {
     "train": train,
     "render": render,
     "animate": animate,
+    "edit": edit,
+    "export": export,
+    "view": view,
     "evaluate": evaluate,
     "compare": compare,
     "ablate": ablate,
