@@ -128,7 +128,7 @@ class SimulatedAvatar:
             return posed
         pose = head_pose(track, frame, posed.strands.device)
         strands = self._interpolation(self.displacements(track)[frame])
-        return dataclasses.replace(posed, strands=strands @ pose.rotation.T + pose.translation)
+        return self.avatar.with_strands(strands @ pose.rotation.T + pose.translation, posed.head)
 
     def draw(self, posed: PosedAvatar, cameras: Sequence[Camera]) -> AvatarImages:
         """Draw the posed avatar as the one that it was made from."""
