@@ -44,8 +44,10 @@ def main() -> None:
         bpy.ops.wm.open_mainfile(filepath=str(path))
     else:
         bpy.ops.wm.read_factory_settings(use_empty=True)
-        importers = {".abc": bpy.ops.wm.alembic_import, ".usdc": bpy.ops.wm.usd_import}
-        importers[path.suffix](filepath=str(path), set_frame_range=True)
+        if path.suffix == ".abc":
+            bpy.ops.wm.alembic_import(filepath=str(path), set_frame_range=True, scale=0.01)
+        else:
+            bpy.ops.wm.usd_import(filepath=str(path), set_frame_range=True)
     scene = bpy.context.scene
     hair = next(each for each in scene.objects if each.type == "CURVES")
     heads = [each for each in scene.objects if each.type == "MESH"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import torch
 from any_motion import any_motion
 
 from dynhair.errors import DynhairError
+from dynhair.export.alembic import write_alembic
 from dynhair.export.blender import SCENE, VARIABLE, Z_UP, blender_program, write_blend
 from dynhair.export.colours import linear_colours
 from dynhair.export.strand_motion import StrandMotion
@@ -89,10 +91,13 @@ def test_a_scene_without_head_mesh_or_camera_plays(blender: list[str], tmp_path:
 
 
 @pytest.mark.slow
-def test_blender_plays_our_usd(blender: list[str], tmp_path: Path) -> None:
-    motion = any_motion()
-    write_usd(tmp_path / "scene.usdc", motion)
-    assert_plays(inspected(blender, tmp_path / "scene.usdc"), motion, within=1e-5)
+@pytest.mark.parametrize(("ending", "write"), [("usdc", write_usd), ("abc", write_alembic)])
+def test_blender_plays_our_other_scenes(
+    blender: list[str], ending: str, write: Callable[[Path, StrandMotion], None], tmp_path: Path
+) -> None:
+    motion = any_motion(fps=24.0)  # that of Blender's empty scene, by which Alembic's seconds become frames
+    write(tmp_path / f"scene.{ending}", motion)
+    assert_plays(inspected(blender, tmp_path / f"scene.{ending}"), motion, within=1e-5)
 
 
 @pytest.mark.slow
