@@ -12,9 +12,10 @@ from scipy.spatial.transform import Rotation
 from dynhair.avatar import Avatar, head_pose
 from dynhair.avatar.spherical_harmonics import constant_coefficient
 from dynhair.errors import DynhairError
+from dynhair.export.colours import mean_colours, point_colours
 from dynhair.export.head_mesh import BoundMesh, HeadMesh
 from dynhair.export.root_uvs import root_uvs
-from dynhair.export.strand_motion import MotionFrame, point_colours, point_taper, strand_motion
+from dynhair.export.strand_motion import MotionFrame, point_taper, strand_motion
 from dynhair.strands import root_taper
 from tiny_avatars import FRAMES, head_track, make_avatar
 
@@ -66,7 +67,7 @@ def test_colours_are_what_the_harmonics_average_to(avatar: Avatar) -> None:
     )
     segments = torch.tensor([[0.1, 0.2, 0.3], [0.5, 0.0, 0.3], [2.0, -1.0, 0.3]])
     base = constant_coefficient(torch.cat([segments, segments.flip(0)])).T[None]
-    first, second = point_colours(base, 2)
+    first, second = point_colours(mean_colours(base).unflatten(0, (2, -1)))
     expected = [[0.1, 0.2, 0.3], [0.3, 0.1, 0.3], [0.75, 0, 0.3], [1, 0, 0.3]]
     torch.testing.assert_close(first, torch.tensor(expected))
     torch.testing.assert_close(second, first.flip(0))
@@ -122,7 +123,7 @@ def test_a_mesh_whose_gaussians_follow_rigidly_moves_rigidly(avatar: Avatar) -> 
 
 
 def test_vertices_are_displaced_by_the_mean_of_their_gaussians(avatar: Avatar) -> None:
-    bound = BoundMesh.to(avatar.head, any_mesh())
+    bound = BoundMesh.to(avatar, any_mesh())
     torch.testing.assert_close(bound.shares.sum(1), torch.ones(30))
     track = head_track()
     motion = strand_motion(avatar, track, mesh=any_mesh())
@@ -133,15 +134,19 @@ def test_vertices_are_displaced_by_the_mean_of_their_gaussians(avatar: Avatar) -
     np.testing.assert_allclose(moved.detach().numpy() - [0, 0, 0.5], head, atol=1e-6)
 
 
-def test_vertices_have_the_colours_of_the_gaussians_around_them(avatar: Avatar) -> None:
+@pytest.mark.parametrize("covered", [False, True])
+def test_vertices_have_the_colours_of_the_gaussians_around_them(avatar: Avatar, covered: bool) -> None:
+    rows = avatar.scalp.rows
     with torch.no_grad():
-        avatar.head.base_colours.copy_(avatar.head.means)  # a colour of its own in every place
-        for parameter in avatar.head.colour.parameters():
-            parameter.zero_()
-        bound = BoundMesh.to(avatar.head, any_mesh())
-        found = (avatar.head.base_colours[bound.near] * bound.shares[..., None]).sum(1).clamp(0, 1)
-    torch.testing.assert_close(bound.colours, found, atol=2e-3, rtol=0)  # opacities differ a little
-    assert ((bound.colours - any_mesh().vertices.clamp(0, 1)).norm(dim=1) < 0.03).all()
+        avatar.head.base_colours.copy_(torch.rand(100, 3))
+        avatar.scalp.cover_logits.fill_(20.0 if covered else -20.0)
+        for parameter in [*avatar.head.colour.parameters(), *avatar.head.attributes.parameters()]:
+            parameter.zero_()  # all are as opaque
+        bound = BoundMesh.to(avatar, any_mesh())
+        colours = avatar.head.base_colours.clone()
+        if covered:
+            colours[rows] = torch.tensor([0.4, 0.2, 0.1])  # the hair's
+    torch.testing.assert_close(bound.colours, (colours[bound.near] * bound.shares[..., None]).sum(1))
 
 
 def test_frames_that_do_not_fit_the_motion_are_refused(avatar: Avatar) -> None:

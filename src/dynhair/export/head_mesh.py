@@ -9,8 +9,9 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from dynhair.avatar import Head, HeadPose
+from dynhair.avatar import Avatar, Head, HeadPose
 from dynhair.capture import Capture
+from dynhair.export.colours import mean_colours
 from dynhair.motion import so3_log
 
 NEIGHBOURS = 8
@@ -70,22 +71,25 @@ class BoundMesh:
     colours: Float[Tensor, "v 3"]
 
     @classmethod
-    def to(cls, head: Head, mesh: HeadMesh) -> BoundMesh:
-        """Bind a mesh to the Gaussians nearest to it at rest."""
+    def to(cls, avatar: Avatar, mesh: HeadMesh) -> BoundMesh:
+        """Bind a mesh to the Gaussians of an avatar's head that are nearest to it at rest."""
         from pykdtree.kdtree import KDTree
 
-        skinning = head.skinning
+        head, skinning = avatar.head, avatar.head.skinning
         rotation, translation = skinning.rest_rotation, skinning.rest_translation
         with torch.no_grad():
-            posed = head(HeadPose(rotation, translation, so3_log(rotation), head.modes.rest))
-        anchors = (posed.means - translation) @ rotation
+            posed = avatar.posed(HeadPose(rotation, translation, so3_log(rotation), head.modes.rest), None)
+            rows, cover, hair = avatar.scalp(mean_colours(posed.hair.base_harmonic)[None], posed.hair)
+        gaussians = posed.head.colours[:, :3]
+        gaussians = gaussians.index_copy(0, rows, torch.lerp(gaussians[rows], hair[0], cover[:, None]))
+        anchors = (posed.head.means - translation) @ rotation
         points = [np.ascontiguousarray(every.cpu().numpy(), np.float32) for every in (anchors, mesh.vertices)]
         distances, near = KDTree(points[0]).query(points[1], k=min(NEIGHBOURS, len(anchors)))
         indices = torch.from_numpy(near.astype(np.int64)).reshape(len(mesh.vertices), -1).to(anchors.device)
         weights = 1 / torch.from_numpy(distances).reshape(len(mesh.vertices), -1).clamp_min(LEAST_DISTANCE).square()
         shares = (weights / weights.sum(1, keepdim=True)).to(anchors)
-        seen = shares * posed.opacities[indices]
-        colours = (posed.colours[indices, :3] * seen[..., None]).sum(1) / seen.sum(1, keepdim=True).clamp_min(1e-9)
+        seen = shares * posed.head.opacities[indices]
+        colours = (gaussians[indices] * seen[..., None]).sum(1) / seen.sum(1, keepdim=True).clamp_min(1e-9)
         rest = HeadMesh(mesh.vertices.to(anchors), mesh.faces)
         return cls(head, rest, anchors, indices, shares, colours.clamp(0, 1))
 

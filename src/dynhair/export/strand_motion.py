@@ -12,9 +12,9 @@ from torch import Tensor
 
 from dynhair.avatar import Avatar, head_pose
 from dynhair.avatar.expression_match import require_expressions
-from dynhair.avatar.spherical_harmonics import harmonics_basis
 from dynhair.capture import HeadTrack
 from dynhair.errors import DynhairError
+from dynhair.export.colours import mean_colours, point_colours
 from dynhair.export.head_mesh import BoundMesh, HeadMesh
 from dynhair.export.root_uvs import root_uvs
 
@@ -111,7 +111,7 @@ def strand_motion(
     device = avatar.background.device
     if not chosen:
         raise DynhairError("the motion has no frames", expected="one or more")
-    surface = None if mesh is None else BoundMesh.to(avatar.head, mesh)
+    surface = None if mesh is None else BoundMesh.to(avatar, mesh)
     with torch.no_grad():
         conditions = avatar.conditions(track)
         first = avatar.posed(head_pose(track, chosen[0], device), None)
@@ -128,7 +128,7 @@ def strand_motion(
         at=at,
         fps=track.fps,
         widths=_array(look.widths[:, None] * point_taper(points).to(device)),
-        colours=_array(point_colours(look.base_harmonic, len(look.ids))),
+        colours=_array(point_colours(mean_colours(look.base_harmonic).unflatten(0, (len(look.ids), -1)))),
         root_uvs=_array(root_uvs(avatar.canonical_strands[:, 0])[look.ids]),
         ids=look.ids.cpu().numpy(),
         head_transforms=_transforms(track, chosen),
@@ -140,19 +140,6 @@ def strand_motion(
 def point_taper(points: int, *, length: int = 4, root: float = 0.25) -> Float[Tensor, " l"]:
     """:func:`dynhair.strands.root_taper` at the points of a strand, where that is in the middle of its segments."""
     return (root + (1 - root) * torch.arange(points) / length).clamp_max(1)
-
-
-def point_colours(base: Float[Tensor, "1 3 g"], strands: int) -> Float[Tensor, "n l 3"]:
-    """What segments look like from nowhere in particular, at the points between them; sRGB in [0, 1].
-
-    Args:
-        base: harmonics of degree 0 of the segments, strand by strand from the root.
-        strands: number of strands.
-    """
-    constant = harmonics_basis(base.new_tensor([0.0, 0.0, 1.0]))[0]
-    segments = (0.5 + constant * base[0].detach().T).clamp(0, 1).unflatten(0, (strands, -1))
-    between = (segments[:, :-1] + segments[:, 1:]) / 2
-    return torch.cat([segments[:, :1], between, segments[:, -1:]], 1)
 
 
 def _transforms(track: HeadTrack, frames: Sequence[int]) -> Float64[np.ndarray, "f 4 4"]:
