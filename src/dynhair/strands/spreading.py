@@ -23,10 +23,13 @@ def farthest_points(points: Float[Tensor, "n 3"], count: int) -> Int64[Tensor, "
     if not len(points):
         return torch.zeros(0, dtype=torch.long, device=points.device)
     places = points.detach().cpu().double()
-    chosen = [int((places - places.mean(0)).square().sum(1).argmin())]
-    gaps = torch.full((len(places),), torch.inf, dtype=torch.float64)
+    places = places - places.mean(0)
+    squares = places.square().sum(1)
+    chosen = [int(squares.argmin())]
+    gaps = torch.full_like(squares, torch.inf)
     for _ in range(min(count, len(places)) - 1):
-        torch.minimum(gaps, (places - places[chosen[-1]]).square().sum(1), out=gaps)
+        last = places[chosen[-1]]
+        torch.minimum(gaps, torch.addmv(squares, places, last, alpha=-2).add_(last @ last), out=gaps)
         gaps[chosen[-1]] = -1.0  # taken, so that of points in one place each is taken once
         chosen.append(int(gaps.argmax()))
     return torch.tensor(chosen[:count], dtype=torch.long, device=points.device)
