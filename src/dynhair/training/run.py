@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import safetensors
 import safetensors.torch
@@ -73,14 +74,7 @@ class Run:
                 expected="a folder with run.json",
                 mend="leave out --resume to begin a run there",
             )
-        description = read_json(path / "run.json")
-        if description.get("kind") != "dynhair run" or description.get("version") != SCHEMA_VERSION:
-            raise DynhairError(
-                f"kind {description.get('kind')!r}, version {description.get('version')!r}",
-                path=path / "run.json",
-                expected=f"a 'dynhair run' of version {SCHEMA_VERSION}",
-                mend="resume it with the release that began it",
-            )
+        description = _description(path)
         groom = description.get("hair_init")
         return cls(
             path,
@@ -170,7 +164,20 @@ def trained_capture(path: Path) -> Path:
     """
     for folder in (path, path.resolve().parent):
         if (folder / "run.json").exists():
-            return Run.open(folder).capture
+            return Path(str(_description(folder).get("capture")))  # whatever settings the run's release had
     raise DynhairError(
         "the avatar is not in its run's folder, so its capture is not known", path=path, mend="name it by --capture"
     )
+
+
+def _description(path: Path) -> dict[str, Any]:
+    """What a run's folder says of itself."""
+    description = read_json(path / "run.json")
+    if description.get("kind") != "dynhair run" or description.get("version") != SCHEMA_VERSION:
+        raise DynhairError(
+            f"kind {description.get('kind')!r}, version {description.get('version')!r}",
+            path=path / "run.json",
+            expected=f"a 'dynhair run' of version {SCHEMA_VERSION}",
+            mend="resume it with the release that began it",
+        )
+    return description
