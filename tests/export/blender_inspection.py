@@ -66,6 +66,9 @@ def main() -> None:
     attributes = hair.data.attributes
     looks = {name: values(attributes[name].data, *kind) for name, kind in LOOKS.items() if name in attributes}
     found.update({name: look[:, 0] if look.shape[1] == 1 else look[:, :3] for name, look in looks.items()})
+    for each in heads:
+        if "colour" in each.data.attributes:
+            found["head_colour"] = values(each.data.attributes["colour"].data, "color", 4)[:, :3]
     scene.frame_set(frames[0], subframe=0.5)
     found["halfway"] = played(hair)
     scene.frame_set(frames[0])

@@ -67,6 +67,8 @@ def test_the_scene_plays_the_motion(blender: list[str], fps: float, height: int,
     np.testing.assert_allclose(found["halfway"], halfway, atol=1e-6)
     np.testing.assert_allclose(found["radius"], motion.widths.flatten() / 2, rtol=1e-6)
     np.testing.assert_allclose(found["colour"], linear_colours(motion.colours).reshape(-1, 3), atol=1e-6)
+    assert motion.head_colours is not None
+    np.testing.assert_allclose(found["head_colour"], linear_colours(motion.head_colours), atol=1e-6)
     np.testing.assert_allclose(found["surface_uv_coordinate"], motion.root_uvs, atol=1e-6)
     assert np.array_equal(found["strand_id"], motion.ids)
     turned = np.eye(4)

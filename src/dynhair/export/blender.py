@@ -38,7 +38,8 @@ def write_blend(path: Path | str, motion: StrandMotion, camera: Camera | None = 
 
     - ``hair``: hair curves that move, with radii and the attributes ``colour`` (linear), ``surface_uv_coordinate`` (on
       the scalp) and ``strand_id``;
-    - ``head``: the head mesh, if the motion has one, moving likewise;
+    - ``head``: the head mesh, if the motion has one, moving likewise, with the attribute ``colour`` if its colours are
+      known;
     - ``head_pose``: an empty with the head's pose, to which things may be fastened;
     - ``camera``: a view of it all, and a light.
 
@@ -120,6 +121,8 @@ def _write_parts(folder: Path, motion: StrandMotion, camera: Camera | None) -> N
     }
     if motion.head_faces is not None:
         arrays["head_faces"] = motion.head_faces.astype(np.int32)
+    if motion.head_colours is not None:
+        arrays["head_colours"] = linear_colours(motion.head_colours)
     for name, array in arrays.items():
         np.save(folder / f"{name}.npy", array, allow_pickle=False)
     camera = _camera_before(strands[0]) if camera is None else camera

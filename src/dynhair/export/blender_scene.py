@@ -19,6 +19,9 @@ from mathutils import Matrix, Quaternion
 POSITIONS = "position_"
 """The attributes of each frame's positions begin with this, and end with its number."""
 
+COLOUR = "colour"
+SKIN = (0.55, 0.36, 0.28, 1.0)
+
 
 def build(parts: Path) -> None:
     """Fill Blender's scene with what the folder describes."""
@@ -34,7 +37,8 @@ def build(parts: Path) -> None:
     group = playing_nodes(frames)
     head = None
     if "head" in arrays:
-        head = add_object("head", head_mesh(arrays["head"][0], arrays["head_faces"]), skin_material())
+        colours = arrays.get("head_colours")
+        head = add_object("head", head_mesh(arrays["head"][0], arrays["head_faces"], colours), skin_material(colours))
         play(head, arrays["head"], group)
     hair = add_object("hair", hair_curves(arrays, description["points"]), hair_material())
     hair.data.surface = head
@@ -67,19 +71,26 @@ def hair_curves(arrays: dict[str, np.ndarray], points: int) -> Any:
     curves.set_types(type="POLY")
     curves.position_data.foreach_set("vector", flat(arrays["strands"][0]))
     attribute(curves, "radius", "FLOAT", "POINT").foreach_set("value", flat(arrays["radii"]))
-    colours = np.append(arrays["colours"].reshape(-1, 3), np.ones((arrays["radii"].size, 1), np.float32), 1)
-    attribute(curves, "colour", "FLOAT_COLOR", "POINT").foreach_set("color", flat(colours))
+    set_colours(curves, arrays["colours"].reshape(-1, 3))
     attribute(curves, "surface_uv_coordinate", "FLOAT2", "CURVE").foreach_set("vector", flat(arrays["root_uvs"]))
     attribute(curves, "strand_id", "INT", "CURVE").foreach_set("value", arrays["ids"])
     return curves
 
 
-def head_mesh(vertices: np.ndarray, faces: np.ndarray) -> Any:
+def head_mesh(vertices: np.ndarray, faces: np.ndarray, colours: np.ndarray | None) -> Any:
     """A smooth mesh that stands as in the first frame."""
     mesh = bpy.data.meshes.new("head")
     mesh.from_pydata(vertices.tolist(), [], faces.tolist())
     mesh.shade_smooth()
+    if colours is not None:
+        set_colours(mesh, colours)
     return mesh
+
+
+def set_colours(data: Any, colours: np.ndarray) -> None:
+    """Keep linear colours with the points of curves or of a mesh."""
+    opaque = np.append(colours, np.ones((len(colours), 1), np.float32), 1)
+    attribute(data, COLOUR, "FLOAT_COLOR", "POINT").foreach_set("color", flat(opaque))
 
 
 def attribute(data: Any, name: str, kind: str, domain: str) -> Any:
@@ -187,20 +198,24 @@ def hair_material() -> Any:
     """Hair in the colours of its points."""
     material, nodes, links = _material("hair")
     shader, colour = nodes.new("ShaderNodeBsdfHairPrincipled"), nodes.new("ShaderNodeAttribute")
-    shader.parametrization, colour.attribute_name = "COLOR", "colour"
+    shader.parametrization, colour.attribute_name = "COLOR", COLOUR
     links.new(colour.outputs["Color"], shader.inputs["Color"])
     links.new(shader.outputs[0], nodes.new("ShaderNodeOutputMaterial").inputs["Surface"])
     return material
 
 
-def skin_material() -> Any:
-    """Plain skin."""
+def skin_material(colours: np.ndarray | None) -> Any:
+    """Skin in the colours of its points, or plain where there are none."""
     material, nodes, links = _material("skin")
     shader = nodes.new("ShaderNodeBsdfPrincipled")
-    shader.inputs["Base Color"].default_value = (0.55, 0.36, 0.28, 1)
+    shader.inputs["Base Color"].default_value = SKIN
     shader.inputs["Roughness"].default_value = 0.6
+    if colours is not None:
+        colour = nodes.new("ShaderNodeAttribute")
+        colour.attribute_name = COLOUR
+        links.new(colour.outputs["Color"], shader.inputs["Base Color"])
     links.new(shader.outputs[0], nodes.new("ShaderNodeOutputMaterial").inputs["Surface"])
-    material.diffuse_color = (0.55, 0.36, 0.28, 1)
+    material.diffuse_color = SKIN  # in viewports that show no materials
     return material
 
 
