@@ -178,8 +178,6 @@ def watch(stopwatch: Stopwatch, objective: JointObjective) -> None:
     for name, function in list(vars(objective_module).items()):
         if getattr(function, "__module__", "").startswith("dynhair.losses") and name.endswith("_loss"):
             stopwatch.watch(objective_module, name, f"loss: {name.removesuffix('_loss')}")
-    if objective.dynamics is not None:
-        stopwatch.watch(objective.dynamics, "forward", "loss: dynamics, with the strands' motion")
     stopwatch.watch(objective_module, "agreed_colours", "loss: agreed colours")
     stopwatch.watch(contact_module, "depth_loss", "loss: penetration")  # after the query, which another thread makes
 

@@ -27,7 +27,6 @@ CHANGES: dict[str, set[str]] = {
     "rigid": {"hair.dynamic"},
     "head-collision": {"training.body_collision"},
     "no-reach": {"training.weights.reach"},
-    "no-dynamics": {"training.weights.dynamics"},
 }
 
 

@@ -20,11 +20,10 @@ AblationName = Literal[
     "rigid",
     "head-collision",
     "no-reach",
-    "no-dynamics",
 ]
 """``pose`` gives the deformer the head's pose for its velocities, ``rigid`` takes away the non-rigid deformation, and
-``head-collision`` keeps strands out of the head alone, as the paper does. The last two leave out terms that the paper
-does not have."""
+``head-collision`` keeps strands out of the head alone, as the paper does. ``no-reach`` leaves out a term that the
+paper does not have."""
 
 ABLATIONS: tuple[AblationName, ...] = get_args(AblationName)
 
@@ -58,8 +57,6 @@ def ablated(config: Config, name: AblationName | None) -> Config:
             return _with_training(config, body_collision=False)
         case "no-reach":
             return _with_weights(config, reach=0.0)
-        case "no-dynamics":
-            return _with_weights(config, dynamics=0.0)
 
 
 def _with_deformer(config: Config, **changes: Any) -> Config:

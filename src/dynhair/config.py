@@ -176,7 +176,7 @@ class HeadConfig:
 class LossWeights:
     """Weights of the joint training's terms (supplement B, in metres).
 
-    The paper has no ``tracking``, ``reach`` and ``dynamics``.
+    The paper has no ``tracking`` and ``reach``.
 
     The perceptual term needs a network to be fetched, so only presets that train for longer have it: the paper's 0.1,
     and 0.6 from ``perceptual_raised_from`` on.
@@ -196,7 +196,6 @@ class LossWeights:
     colour_consistency: float = 0.01
     tracking: float = 100.0
     reach: float = 0.0
-    dynamics: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -220,7 +219,6 @@ class LearningRates:
     body_response: float = 1e-4
     scalp_cover: float = 1e-2
     pose_correction: float = 1e-5
-    springs: float = 1e-2
     modes: float = 5e-3
 
 
@@ -238,7 +236,6 @@ class TrainingConfig:
         seed: of everything random.
         penetration_points: strand points tested against the head in a step, at most.
         reach_points: strand points that the reach term sees in a step; of each view it sees a tenth as many pixels.
-        dynamics_strands: strands that the dynamics term sees in a step, at most.
         body_collision: whether they are also kept out of neck and shoulders; the paper's see the head alone.
         perceptual_every: every so many steps the perceptual distance is measured, with as much more weight.
         perceptual_crop: side of the random crops that it is measured on, pixels.
@@ -262,7 +259,6 @@ class TrainingConfig:
     seed: int = 0
     penetration_points: int = 2500
     reach_points: int = 3000
-    dynamics_strands: int = 150
     body_collision: bool = True
     perceptual_every: int = 8
     perceptual_crop: int = 96
@@ -287,12 +283,8 @@ class TrainingConfig:
 _SUPPLEMENT = LossWeights(perceptual=0.1, perceptual_raised=0.6)
 # By measurement on images alone: more orientation and elasticity help a motion that training does not see; with reach
 # and more penetration a single frame can be fitted to a hair IoU of 0.86, and to 0.83 without, for its hair lies on the
-# shoulders and not behind them. With dynamics of weight 1, hair IoU on a motion that training did not see was 0.713
-# against 0.700 (silhouettes and directions alone, 1,200 steps, three octaves of position against six), and 0.714 with a
-# weight of 3 and a smoothness over neighbouring strands that was not kept. A whole training has not told it apart yet.
-_MEASURED = dataclasses.replace(
-    _SUPPLEMENT, orientation=5.0, elastic=200_000.0, penetration=1000.0, reach=500.0, dynamics=3.0
-)
+# shoulders and not behind them.
+_MEASURED = dataclasses.replace(_SUPPLEMENT, orientation=5.0, elastic=200_000.0, penetration=1000.0, reach=500.0)
 
 
 @dataclass(frozen=True)

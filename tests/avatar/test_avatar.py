@@ -213,13 +213,13 @@ def test_scalp_that_counts_as_hair_is_labelled_and_coloured_as_hair(avatar: Avat
     more = after.hair[0] - bare.hair[0]
     assert more.min() > -1e-5
     assert more.max() > 0.5
-    there = more > 0.9 * after.alpha[0]  # pixels of the layer alone
+    there = more > 0.9 * after.alpha[0]  # pixels of the layer alone, but for a tenth
     assert there.any()
     hair = avatar.hair  # of the same colour from everywhere
     colour = harmonics_colours(hair.base_harmonic, hair.higher_harmonics, torch.eye(3)[:1].expand(1, 20 * 7, 3))[0, 0]
     alpha = after.alpha[0][there][:, None]
     expected = alpha * colour + (1 - alpha) * avatar.background
-    torch.testing.assert_close(after.rgb[0][there], expected, atol=0.05, rtol=0)
+    torch.testing.assert_close(after.rgb[0][there], expected, atol=0.1, rtol=0)
 
 
 def test_super_resolution_enlarges_what_is_drawn() -> None:

@@ -161,14 +161,3 @@ def test_encoding_is_identity_sines_cosines() -> None:
     )
     torch.testing.assert_close(positional_encoding(x, 2), expected)
     assert positional_encoding(x, 2).shape[-1] == encoded_size(2, 2)
-
-
-@pytest.mark.parametrize("config", VARIANTS.values(), ids=VARIANTS)
-def test_some_strands_in_several_frames_move_as_all_do_in_each(config: DeformerConfig) -> None:
-    deformer = lively(PaperDeformer(canonical(), config))
-    generator = torch.Generator().manual_seed(4)
-    windows = torch.randn(3, config.history + 1, 3 * len(signal_names(config)), generator=generator)
-    chosen = torch.tensor([3, 0])
-    some = deformer.some(windows, chosen)
-    expected = torch.stack([deformer(window)[chosen] for window in windows])
-    torch.testing.assert_close(some, expected, rtol=1e-4, atol=1e-6)

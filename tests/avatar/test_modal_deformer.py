@@ -53,7 +53,7 @@ def test_an_oscillator_moves_exactly_under_a_force_held_from_frame_to_frame(
     state = np.array([forces[0], 0.0, 0.0])
     for force in forces[1:]:
         state = step @ np.array([state[0], state[1], force])
-    found = oscillators(torch.from_numpy(forces)[None, :, None])
+    found = oscillators(torch.from_numpy(forces)[:, None])
     assert found.item() == pytest.approx(state[0], abs=1e-9)
 
 
@@ -62,7 +62,7 @@ def test_displacements_are_mode_shapes_times_amplitudes() -> None:
     omega = window[0, :, :3]
     products = torch.stack([omega[:, i] * omega[:, j] for i in range(3) for j in range(i, 3)], 1)
     forces = torch.cat([window[0], products], 1) @ deformer.forces.weight.T
-    amplitudes = deformer.oscillators(forces[None])[0]
+    amplitudes = deformer.oscillators(forces)
     hidden = deformer.code.double()
     for layer in deformer.mlp:
         assert isinstance(layer, torch.nn.Linear)
@@ -91,17 +91,10 @@ def test_what_is_over_is_forgotten() -> None:
 
 def test_it_overshoots_after_a_sudden_stop() -> None:
     oscillators = Oscillators(1)
-    forces = torch.cat([torch.ones(60), torch.zeros(60)])[None, :, None]
-    swing = torch.stack([oscillators(forces[:, : 61 + after])[0, 0] for after in range(59)])
+    forces = torch.cat([torch.ones(60), torch.zeros(60)])[:, None]
+    swing = torch.stack([oscillators(forces[: 61 + after])[0] for after in range(59)])
     assert swing.min() < -0.1  # past its place of rest
     assert swing[-1].abs() < swing.abs().max()
-
-
-def test_some_strands_move_as_among_all() -> None:
-    deformer, several = lively(ModalDeformer(canonical(), CONFIG)), windows(3, 13).float()
-    chosen = torch.tensor([4, 1])
-    expected = torch.stack([deformer(window)[chosen] for window in several])
-    torch.testing.assert_close(deformer.some(several, chosen), expected)
 
 
 def test_a_shorter_past_is_a_past_at_rest() -> None:

@@ -69,10 +69,10 @@ def test_the_stages_that_rows_share_have_the_same_settings_in_all_of_them() -> N
 
 def test_what_a_preset_does_not_have_cannot_be_taken_away() -> None:
     absent = [name for name in ABLATIONS if changes_nothing(preset("tiny"), name)]
-    assert absent == ["no-raised-perceptual", "no-reach", "no-dynamics"]
+    assert absent == ["no-raised-perceptual", "no-reach"]
     assert not [name for name in ABLATIONS if changes_nothing(preset("small"), name)]
     ours = [name for name in ABLATIONS if changes_nothing(preset("paper"), name)]
-    assert ours == ["no-reach", "no-dynamics"]
+    assert ours == ["no-reach"]
 
 
 def test_rows_begin_with_the_shared_hair_and_settings_of_their_own(tmp_path: Path) -> None:

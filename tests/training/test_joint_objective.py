@@ -15,7 +15,6 @@ from dynhair.motion import SignalNormalizer
 from dynhair.training.batches import Batches
 from dynhair.training.frames import training_segments
 from dynhair.training.head_start import start_head
-from dynhair.training.joint_optimizer import joint_optimizer
 from dynhair.training.objective import JointObjective
 from synthetic import write_synthetic_capture
 
@@ -110,36 +109,3 @@ def test_a_step_is_the_same_however_often_it_is_computed(capture: Capture) -> No
 def test_a_handful_of_points_still_sees_a_pixel(capture: Capture) -> None:
     settings = replace(SETTINGS, weights=replace(LossWeights(), reach=1.0), reach_points=3)
     assert float(make_objective(capture, settings)(batches(capture).batch(0), 0).terms["reach"]) > 0
-
-
-def test_dynamics_see_a_frame_and_its_neighbours(capture: Capture) -> None:
-    settings = replace(SETTINGS, weights=LossWeights(dynamics=2.0))
-    objective, plain = make_objective(capture, settings), make_objective(capture, SETTINGS)
-    assert objective.dynamics is not None
-    assert plain.dynamics is None
-    source = batches(capture)
-    middle = next(batch for batch in map(source.batch, range(50)) if batch.index == 1)
-    end = next(batch for batch in map(source.batch, range(50)) if batch.index == 2)
-    assert "dynamics" not in objective(end, 0).terms
-    result = objective(middle, 0)
-    added = float((result.loss - plain(middle, 0).loss).detach())
-    assert added == pytest.approx(2.0 * float(result.terms["dynamics"]), rel=1e-3, abs=1e-5)
-    result.loss.backward()
-    for parameter in objective.dynamics.parameters():
-        assert parameter.grad is not None
-
-
-def test_rigid_hair_has_no_dynamics(capture: Capture) -> None:
-    settings = replace(SETTINGS, weights=LossWeights(dynamics=2.0))
-    avatar = make_objective(capture, SETTINGS).avatar
-    still = Hair(avatar.canonical_strands.detach(), 0.002, torch.full((3,), 0.3), avatar.hair.deformer.config, False)
-    rigid = Avatar(still, avatar.head, SignalNormalizer(), torch.zeros(3))
-    segments = training_segments(capture)
-    assert JointObjective(rigid, capture, segments, None, settings).dynamics is None
-
-
-def test_the_springs_have_a_rate_of_their_own(capture: Capture) -> None:
-    settings = replace(SETTINGS, weights=LossWeights(dynamics=2.0))
-    groups = joint_optimizer(make_objective(capture, settings), settings.rates).param_groups
-    springs = next(group for group in groups if group["name"] == "springs")
-    assert (springs["lr"], len(springs["params"])) == (settings.rates.springs, 3)

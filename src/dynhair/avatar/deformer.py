@@ -6,7 +6,7 @@ import itertools
 from abc import abstractmethod
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynhair.avatar.chunked import PointLayer, evaluate_chunked
@@ -62,8 +62,8 @@ class HairDeformer(PointNetwork):
         self.root_attenuation = nn.Parameter(torch.linspace(0.05, 1.0, self.points))
 
     @abstractmethod
-    def embeddings(self, windows: Float[Tensor, "b t c"]) -> Float[Tensor, "b e"]:
-        """What windows of normalised conditions amount to."""
+    def embedding(self, window: Float[Tensor, "t c"]) -> Float[Tensor, " e"]:
+        """What a window of normalised conditions amounts to."""
 
     @abstractmethod
     def layers(self, embedding: Float[Tensor, " e"]) -> list[PointLayer]:
@@ -75,23 +75,9 @@ class HairDeformer(PointNetwork):
         Args:
             window: normalised conditions of the frames ``t - T .. t``, oldest first.
         """
-        return self._displacements(self.code, self.embeddings(window[None])[0])
-
-    def some(self, windows: Float[Tensor, "b t c"], chosen: Int64[Tensor, " s"]) -> Float[Tensor, "b s l 3"]:
-        """:meth:`forward` of some strands in several frames.
-
-        Args:
-            windows: one a frame.
-            chosen: indices of the strands.
-        """
-        code = self.code.view(-1, self.strands, self.code.shape[-1])[:, chosen].flatten(0, 1)
-        return torch.stack([self._displacements(code, embedding) for embedding in self.embeddings(windows)])
-
-    def _displacements(self, code: Float[Tensor, "k f"], embedding: Float[Tensor, " e"]) -> Float[Tensor, "n l 3"]:
-        """Of the strands whose knots' features are ``code``, knot by knot."""
-        at_knots = evaluate_chunked(code, self.layers(embedding), self.dtype).view(self.spline.shape[1], -1)
+        at_knots = evaluate_chunked(self.code, self.layers(self.embedding(window)), self.dtype)
         attenuated = (DISPLACEMENT_UNIT * self.root_attenuation)[:, None] * self.spline
-        return (attenuated @ at_knots).view(self.points, -1, 3).transpose(0, 1)
+        return (attenuated @ at_knots.view(self.spline.shape[1], -1)).view(self.points, -1, 3).transpose(0, 1)
 
 
 class PaperDeformer(HairDeformer):
@@ -132,14 +118,13 @@ class PaperDeformer(HairDeformer):
         nn.init.normal_(last.weight, std=1e-4)  # the hair starts at rest
         nn.init.zeros_(last.bias)
 
-    def embeddings(self, windows: Float[Tensor, "b t c"]) -> Float[Tensor, "b hidden"]:
-        """What the encoder makes of windows of normalised conditions."""
-        signals = positional_encoding(windows, self.config.signal_frequencies)
+    def embedding(self, window: Float[Tensor, "t c"]) -> Float[Tensor, " hidden"]:
+        """What the encoder makes of a window of normalised conditions."""
+        signals = positional_encoding(window, self.config.signal_frequencies)
         if self.config.encoder == "mlp":
-            return self.window_mlp(signals.flatten(1))
-        initial = self.h0.expand(-1, len(signals), -1), self.c0.expand(-1, len(signals), -1)
-        _, (embeddings, _) = self.lstm(signals, initial)
-        return embeddings[0]
+            return self.window_mlp(signals.flatten())
+        _, (last, _) = self.lstm(signals[None], (self.h0, self.c0))
+        return last[0, 0]
 
     def layers(self, embedding: Float[Tensor, " hidden"]) -> list[PointLayer]:
         """The MLP, what the embedding does to the points' features folded into its first layer."""

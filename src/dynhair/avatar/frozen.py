@@ -48,7 +48,7 @@ class FrozenHair(Hair):
         deformer = self.deformer
         if window is None or not isinstance(deformer, HairDeformer):
             return self._rest
-        layers = deformer.layers(deformer.embeddings(window[None])[0])
+        layers = deformer.layers(deformer.embedding(window))
         at_knots = FrozenLayers([layer.weight for layer in layers])([layer.bias for layer in layers], deformer.code)
         moved = (self._from_knots @ at_knots.view(self._from_knots.shape[1], -1)).view(deformer.points, -1, 3)
         return self._rest + moved.transpose(0, 1)

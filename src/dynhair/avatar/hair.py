@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynhair.avatar.deformer import HairDeformer, PaperDeformer
@@ -71,15 +71,3 @@ class Hair(nn.Module):
         rigid = window is None or isinstance(self.deformer, RigidDeformer)
         moved = self.strands if rigid else self.strands + self.deformer(window)
         return smooth_strands(moved)
-
-    def some(self, windows: Float[Tensor, "b t c"], chosen: Int64[Tensor, " s"]) -> Float[Tensor, "b s l 3"]:
-        """:meth:`forward` of some strands in several frames.
-
-        Args:
-            windows: one a frame.
-            chosen: indices of the strands.
-        """
-        strands = self.strands[chosen].expand(len(windows), -1, -1, -1)
-        if isinstance(self.deformer, RigidDeformer):
-            return smooth_strands(strands)
-        return smooth_strands(strands + self.deformer.some(windows, chosen))

@@ -59,15 +59,15 @@ class Oscillators(nn.Module):
         phase = frames[:, None] * swing
         return 1 - (-frames[:, None] * decay).exp() * (phase.cos() + decay / swing * phase.sin())
 
-    def forward(self, forces: Float[Tensor, "b t m"]) -> Float[Tensor, "b m"]:
+    def forward(self, forces: Float[Tensor, "t m"]) -> Float[Tensor, " m"]:
         """Where the oscillators are at the last of some frames, having been at rest under the first one's force.
 
         Exact for a force that is constant from one frame to the next. A closed form, for all frames at once: each
         change of the force is answered by a step response.
         """
-        changes = forces.diff(dim=1)
-        since = torch.arange(changes.shape[1], 0, -1).to(forces)
-        return forces[:, 0] + (changes * self.step_responses(since)).sum(1)
+        changes = forces.diff(dim=0)
+        since = torch.arange(len(changes), 0, -1).to(forces)
+        return forces[0] + (changes * self.step_responses(since)).sum(0)
 
 
 class ModalDeformer(HairDeformer):
@@ -97,12 +97,10 @@ class ModalDeformer(HairDeformer):
         nn.init.normal_(self.shapes.weight, std=1e-2)  # the hair hardly moves at first
         nn.init.zeros_(self.shapes.bias)
 
-    def embeddings(self, windows: Float[Tensor, "b t c"]) -> Float[Tensor, "b modes"]:
-        """The modes' amplitudes at the end of each window."""
-        omega = windows[..., :3]
-        first, second = self.get_buffer("pairs")
-        centrifugal = omega[..., first] * omega[..., second]
-        return self.oscillators(self.forces(torch.cat([windows, centrifugal], -1)))
+    def embedding(self, window: Float[Tensor, "t c"]) -> Float[Tensor, " modes"]:
+        """The modes' amplitudes at the end of a window."""
+        first, second = window[:, self.get_buffer("pairs")].unbind(1)
+        return self.oscillators(self.forces(torch.cat([window, first * second], 1)))
 
     def layers(self, embedding: Float[Tensor, " modes"]) -> list[PointLayer]:
         """The network of the mode shapes, summed by the amplitudes in its last layer."""

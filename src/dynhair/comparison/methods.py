@@ -35,7 +35,6 @@ LABELS: Mapping[str, str] = {
     "one-view": "1 view",
     "head-collision": "w/o body collision",
     "no-reach": "w/o reach term",
-    "no-dynamics": "w/o dynamics term",
     HAIR: "Canonical hair",
 }
 

@@ -7,7 +7,6 @@ from dynhair.losses.colour import (
     colour_spatial_loss,
 )
 from dynhair.losses.crops import Crop, perceptual_crop_loss, random_crops
-from dynhair.losses.dynamics import HairSprings, dynamics_loss
 from dynhair.losses.orientation import direction_loss, orientation_loss, orientation_weight
 from dynhair.losses.perceptual import PerceptualDistance, lpips_loss
 from dynhair.losses.photometric import l1_loss, ssim, ssim_loss, ssim_map
@@ -24,7 +23,6 @@ from dynhair.losses.silhouette import segmentation_loss, segmentation_weight
 
 __all__ = [
     "Crop",
-    "HairSprings",
     "PerceptualDistance",
     "colour_consistency_loss",
     "colour_gradient_loss",
@@ -32,7 +30,6 @@ __all__ = [
     "colour_spatial_loss",
     "depth_loss",
     "direction_loss",
-    "dynamics_loss",
     "elastic_loss",
     "grows_in_front",
     "l1_loss",

@@ -1,6 +1,5 @@
 """Head motion: the signals that drive the hair."""
 
-from dynhair.motion.forces import HeadForces, head_forces
 from dynhair.motion.normalization import SignalNormalizer, signal_names
 from dynhair.motion.rest_alignment import RestAlignment
 from dynhair.motion.rotations import so3_exp, so3_log
@@ -8,11 +7,9 @@ from dynhair.motion.signals import MotionSignals, motion_signals
 from dynhair.motion.windows import motion_window, motion_windows
 
 __all__ = [
-    "HeadForces",
     "MotionSignals",
     "RestAlignment",
     "SignalNormalizer",
-    "head_forces",
     "motion_signals",
     "motion_window",
     "motion_windows",

@@ -37,7 +37,6 @@ def joint_optimizer(objective: JointObjective, rates: LearningRates) -> torch.op
         "body_response": list(head.skinning.parameters()),
         "scalp_cover": list(avatar.scalp.parameters()),
         "pose_correction": list(objective.pose_corrections),
-        "springs": [] if objective.dynamics is None else list(objective.dynamics.parameters()),
         "super_resolution": [] if avatar.super_resolution is None else list(avatar.super_resolution.parameters()),
     }
     taken = {id(parameter) for parameters in own.values() for parameter in parameters}

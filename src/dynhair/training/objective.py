@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from dynhair.avatar import Avatar, AvatarImages, HairDeformer, head_pose
+from dynhair.avatar import Avatar, AvatarImages, head_pose
 from dynhair.capture import Capture, Segment
 from dynhair.config import TrainingConfig
 from dynhair.losses import (
@@ -36,7 +36,6 @@ from dynhair.losses.agreement import agreed
 from dynhair.strands import Roots
 from dynhair.training.batches import Batch
 from dynhair.training.contact import SurfaceContact
-from dynhair.training.hair_dynamics import HairDynamics
 from dynhair.training.surface import tracked_surface
 
 SPATIAL_PARTS = 8
@@ -116,11 +115,6 @@ class JointObjective(nn.Module):
         self.pose_corrections = nn.ParameterList(
             nn.Parameter(torch.zeros(6, device=self._device)) for _ in range(frames)
         )
-        self.dynamics = (
-            HairDynamics(avatar.hair, capture, segments, self._conditions, config.dynamics_strands)
-            if config.weights.dynamics > 0 and isinstance(avatar.hair.deformer, HairDeformer)
-            else None
-        )
         # Fixed, as the deformer's addresses are: the canonical hair hardly moves, and a resumed run sees the same.
         self._neighbours = (
             colour_neighbours(self._hair_gaussians(), config.colour_neighbours).to(self._device)
@@ -158,10 +152,6 @@ class JointObjective(nn.Module):
                 images.coarse, reduced(batch.rgb, (images.coarse.shape[1], images.coarse.shape[2]))
             )
         terms |= self._colour_terms(step)
-        if self.dynamics is not None:
-            swing = self.dynamics(self.avatar.hair, batch.segment, batch.index, generator)
-            if swing is not None:
-                terms["dynamics"] = swing
         if weights.reach > 0 and images.depth is not None:
             points = sample_strand_points(posed.strands[:, ROOT_POINTS:], config.reach_points, generator=generator)
             missing = batch.hair - images.hair
@@ -191,7 +181,6 @@ class JointObjective(nn.Module):
             "elastic": weights.elastic,
             "tracking": weights.tracking,
             "reach": weights.reach,
-            "dynamics": weights.dynamics,
             "colour_gradient": weights.colour_gradient / SQUARED_HARMONIC,
             "colour_spatial": weights.colour_spatial / SQUARED_HARMONIC,
             "colour_consistency": weights.colour_consistency / SQUARED_HARMONIC,
