@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -32,6 +32,7 @@ INVISIBLE = 0.5 / 255
 """Coverage that rounds to none."""
 
 
+@runtime_checkable
 class FrameOutput(Protocol):
     """Takes an animation's frames in order."""
 

@@ -15,6 +15,7 @@ from torch import Tensor
 from dynhair.animation.cameras import camera_path, names_camera
 from dynhair.animation.outputs import Beside, Film, FrameOutput, PictureFolder, Preview
 from dynhair.animation.sources import driving_track, names_segment
+from dynhair.avatar import Avatar
 from dynhair.baselines.loading import open_driven_head
 from dynhair.camera import Camera
 from dynhair.capture import HeadTrack
@@ -74,8 +75,10 @@ def run_animation(
     if video is None and out.suffix:
         raise DynhairError(f"`{out.suffix}` is no ending of a video", path=out, expected="FILE.mp4 or a folder")
     recording, head = recording_of(avatar), open_driven_head(avatar, device)
+    if isinstance(head, Avatar):
+        head = head.frozen()
     if capture is None and (names_segment(motion) or names_camera(camera)):
-        capture = trained_capture(avatar)
+        capture = _own_capture(avatar)
     bars = StageProgress(console)
     with bars.shown():
         track = driving_track(
@@ -112,6 +115,15 @@ def run_animation(
     for path in written:
         console.print(f"wrote {path}", highlight=False, soft_wrap=True)
     return written
+
+
+def _own_capture(avatar: Path) -> Path | None:
+    """The capture that an avatar was trained on, if that is known and still there."""
+    try:
+        capture = trained_capture(avatar)
+    except DynhairError:
+        return None
+    return capture if capture.is_dir() else None
 
 
 def _drawn(

@@ -151,4 +151,5 @@ def _unknown(spec: str, capture: Path | str | None) -> DynhairError:
     return DynhairError(
         f"nothing is known by the motion `{spec}`",
         expected=f"{segments}CAPTURE:SEGMENT, one of {', '.join(MOTIONS)}, {kinds}",
+        mend="name the capture of a segment by --capture" if capture is None else None,
     )
