@@ -96,13 +96,19 @@ def strand_lines(
 ) -> tuple[Float32[np.ndarray, "s 2 3"], UInt8[np.ndarray, "s 2 3"]]:
     """Ends and colours of the segments of as many strands as a browser draws quickly.
 
+    A strand has its mean colour: those of single segments, which nobody saw by themselves, would be confetti.
+
     Args:
         strands: world, metres.
         drawn: whose first Gaussians are the strands', in their order.
+
+    Returns:
+        World, metres; and linear colours, which is what lines are lit with, while splats and pictures are sRGB.
     """
     count, segments = strands.shape[0], strands.shape[1] - 1
     every = -(-count * segments // MOST_SEGMENTS)
     ends = torch.stack([strands[::every, :-1], strands[::every, 1:]], 2).flatten(0, 1)
-    colours = drawn.features[: count * segments].view(count, segments, 3)[::every].flatten(0, 1)
-    pixels = (colours.clamp(0, 1) * 255).round().to(torch.uint8)[:, None].expand(-1, 2, -1)
+    colours = drawn.features[: count * segments].view(count, segments, 3)[::every].mean(1).clamp(0, 1)
+    linear = torch.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+    pixels = (linear * 255).round().to(torch.uint8).repeat_interleave(segments, 0)[:, None].expand(-1, 2, -1)
     return ends.cpu().numpy(), pixels.cpu().numpy()

@@ -119,7 +119,7 @@ class Controls:
         """Show where the motion stands."""
         self._frame.value = frame
         if (self._play.label == "Pause") != playing:
-            self._play.label = "Pause" if playing else "Play"
+            self._play.label, self._play.icon = ("Pause", "player-pause") if playing else ("Play", "player-play")
 
     def show_status(self, text: str) -> None:
         """Show a line above everything."""

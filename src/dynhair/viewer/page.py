@@ -13,7 +13,7 @@ from dynhair.viewer.resolution import Resolution
 from dynhair.viewer.viewpoint import Viewpoint
 
 if TYPE_CHECKING:
-    from viser import ClientHandle
+    from viser import ClientHandle, ViserServer
 
 SETTLING = 0.25
 """Seconds without a change after which a page gets its picture in full size."""
@@ -24,13 +24,14 @@ class Page:
 
     Args:
         client: the page.
+        server: that serves it.
 
     Attributes:
         size: of the last picture, width and height in pixels.
     """
 
-    def __init__(self, client: ClientHandle) -> None:
-        self._client = client
+    def __init__(self, client: ClientHandle, server: ViserServer) -> None:
+        self._client, self._server = client, server
         self._resolution = Resolution()
         self._drawn: tuple[PosedAvatar, Viewpoint] | None = None
         self._height = 0
@@ -74,6 +75,8 @@ class Page:
         self._height = self._resolution.moving(canvas) if changed else self._resolution.still(canvas)
         factor = 1 if avatar.super_resolution is None else avatar.super_resolution.factor
         image = picture(avatar, posed, viewpoint.camera(self._height, factor))
+        if self._client.client_id not in self._server.get_clients():
+            return False  # it was closed meanwhile
         self._client.scene.set_background_image(image, "jpeg", jpeg_quality=80 if changed else 92)
         self._client.flush()
         self._drawn, self.size = (posed, viewpoint), (image.shape[1], image.shape[0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -46,7 +46,7 @@ class Poser:
     """
 
     def __init__(self, avatar: Avatar) -> None:
-        self.avatar = avatar
+        self._own_edits, self._avatar = avatar.edits, avatar.with_edits(())
         self._edited: tuple[Hashable, Avatar] = (None, avatar)
         self._conditions: tuple[Hashable, Tensor] = (None, torch.empty(0, 0))
         self._shape: tuple[Hashable, _Shape | None] = (None, None)
@@ -70,7 +70,8 @@ class Poser:
         shown = self._shown[1]
         if shown is None or self._shown[0] != of_shown:
             if self._edited[0] != settings.edits:
-                self._edited = settings.edits, self.avatar.edited(*settings.edits.edits())
+                edits = (*self._own_edits, *settings.edits.edits())
+                self._edited = settings.edits, self._avatar.with_edits(edits)
             shown = Shown(self._edited[1].with_strands(shape.strands, shape.head), shape.speeds)
             self._shown = of_shown, shown
         return shown
@@ -79,14 +80,16 @@ class Poser:
         of_conditions = motion, settings.gravity
         if self._conditions[0] != of_conditions:
             tilted = under_gravity(track, settings.gravity)
-            self._conditions = of_conditions, self.avatar.conditions(tilted)
+            self._conditions = of_conditions, self._avatar.conditions(tilted)
         conditions = self._conditions[1]
-        pose = head_pose(track, frame, self.avatar.background.device)
+        pose = head_pose(track, frame, self._avatar.background.device)
+        expression = pose.expression.clone()
         for index, change in settings.expression:
-            pose.expression[index] += change
-        now = None if settings.rigid else self.avatar.window(conditions, frame)
-        hair, speeds = self.avatar.hair(now), None
+            expression[index] += change
+        now = None if settings.rigid else self._avatar.window(conditions, frame)
+        posed, speeds = self._avatar.posed(replace(pose, expression=expression), now), None
         if settings.colours == "speed":
-            before = None if now is None else self.avatar.window(conditions, max(frame - 1, 0))
-            speeds = (hair - self.avatar.hair(before)).norm(dim=-1).mean(1) * track.fps
-        return _Shape(hair @ pose.rotation.T + pose.translation, self.avatar.head(pose), speeds)
+            before = None if now is None else self._avatar.window(conditions, max(frame - 1, 0))
+            moved = self._avatar.hair(now) - self._avatar.hair(before)
+            speeds = moved.norm(dim=-1).mean(1) * track.fps
+        return _Shape(posed.strands, posed.head, speeds)

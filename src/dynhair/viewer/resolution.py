@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-HEIGHTS = (192, 256, 320, 384, 448, 512, 640, 768, 896, 1080)
+HEIGHTS = (256, 320, 384, 448, 512, 640, 768, 896, 1080)
 """Pixels. Smaller pictures are hardly quicker: what they cost then is the Gaussians, not the pixels."""
 
 BUDGET = 1 / 15

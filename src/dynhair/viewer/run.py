@@ -48,9 +48,9 @@ def run_viewer(
     """
     path, console = Path(avatar), console or Console()
     with console.status("opening the avatar"):
-        loaded, recording = Avatar.load(avatar_folder(path)), recording_of(path)
+        loaded, recording = Avatar.load(avatar_folder(path)).frozen(), recording_of(path)
         clips = named_clips(recording, _capture(path, capture), loaded)
-        server = open_server(port)
+        server = open_server(port, path.name)
         from dynhair.viewer.server import Viewer
 
         viewer = Viewer(server, loaded, recording, clips)
@@ -66,8 +66,12 @@ def run_viewer(
         server.stop()
 
 
-def open_server(port: int) -> ViserServer:
+def open_server(port: int, label: str) -> ViserServer:
     """Start what serves pages, without its banner.
+
+    Args:
+        port: the next free one is taken where it is in use.
+        label: above the page's panel.
 
     Raises:
         DynhairError: viser is not installed.
@@ -79,7 +83,7 @@ def open_server(port: int) -> ViserServer:
             "the viewer needs viser, which is not installed", mend="pip install 'dynhair[viewer]'"
         ) from error
     with contextlib.redirect_stdout(io.StringIO()):
-        server = viser.ViserServer(HOST, port, verbose=False)
+        server = viser.ViserServer(HOST, port, label, verbose=False)
     server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
     return server
 

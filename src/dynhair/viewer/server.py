@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 STATUS_EVERY = 0.5  # seconds
 FRAME_EVERY = 0.1  # seconds; between two places of the slider that shows the frame
+MEASURED = 2.0  # seconds, over which the frame rate is taken
 GIZMO_SIZE = 0.16  # metres; its arrows reach out of the hair
 
 
@@ -52,7 +53,8 @@ class Viewer:
         self._notes: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._pages: dict[int, Page] = {}
         self._coloured: tuple[object, PosedAvatar | None] = (None, None)
-        self._sent: deque[float] = deque(maxlen=20)
+        self._sent: deque[float] = deque()
+        self._size = ""
         self._status_at = self._frame_at = 0.0
         self._scene = BrowserScene(server.scene, avatar, recording.camera)
         self._scene_has: tuple[PosedAvatar | None, str] = (None, "")
@@ -111,7 +113,7 @@ class Viewer:
     def _show(self) -> None:
         """Bring everything up to date for whoever looks."""
         clients = self._server.get_clients()
-        self._pages = {id: self._pages.get(id) or Page(client) for id, client in clients.items()}
+        self._pages = {id: self._pages.get(id) or Page(client, self._server) for id, client in clients.items()}
         if not self._pages:
             return
         begin = time.monotonic()
@@ -119,19 +121,19 @@ class Viewer:
         stage, settings = self._stage, self._stage.settings
         posed = self._posed(begin)
         posing = time.monotonic() - begin
-        size = ""
         if posed is not self._scene_has[0] or settings.display != self._scene_has[1]:
             sent = self._scene.show(posed, settings.display)
             self._scene_has = posed, settings.display
             if sent:
                 self._sent.append(time.monotonic())
-            size = f"{sent / 1e6:.1f} MB"
+                self._size = f"{sent / 1e6:.1f} MB a frame"
         for page in self._pages.values():
             if settings.display != "image":
                 page.clear(self._avatar)
             elif page.show(self._avatar, posed, posing):
                 self._sent.append(time.monotonic())
-        self._report(size)
+                self._size = f"{page.size[0]} x {page.size[1]} pixels"
+        self._report()
         now = time.monotonic()
         if not stage.playing or now - self._frame_at > FRAME_EVERY:
             self._controls.show_frame(stage.frame(begin), stage.playing)
@@ -156,19 +158,20 @@ class Viewer:
             return posed
         return self._coloured[1]
 
-    def _report(self, size: str) -> None:
+    def _report(self) -> None:
+        """Say how large what is seen is, and how often it changes."""
         now = time.monotonic()
-        if now - self._status_at < STATUS_EVERY:
+        resting = self._wait(now) is None
+        if now - self._status_at < STATUS_EVERY and not resting:
             return
         self._status_at = now
-        while self._sent and now - self._sent[0] > 2:
+        while self._sent and now - self._sent[0] > MEASURED:
             self._sent.popleft()
-        if len(self._sent) > 1:
-            rate = (len(self._sent) - 1) / (self._sent[-1] - self._sent[0]) / max(len(self._pages), 1)
-            if self._stage.settings.display == "image":
-                wide, high = next(iter(self._pages.values())).size
-                size = f"{wide} x {high} pixels"
-            self._controls.show_status(f"{rate:.0f} frames/s, {size}")
+        rate = ""
+        if len(self._sent) > 2 and not resting:
+            each = (len(self._sent) - 1) / len(self._pages)
+            rate = f"{each / (self._sent[-1] - self._sent[0]):.0f} frames/s, "
+        self._controls.show_status(rate + self._size)
 
     def _press(self, button: Button, client: ClientHandle) -> None:
         now = time.monotonic()
