@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from dynhair.avatar import Avatar, head_pose
 from dynhair.avatar.spherical_harmonics import constant_coefficient
+from dynhair.editing.edits import Brightness, Thin, Width
 from dynhair.errors import DynhairError
 from dynhair.export.colours import mean_colours, point_colours
 from dynhair.export.head_mesh import BoundMesh, HeadMesh
@@ -171,3 +172,13 @@ def test_a_track_of_another_face_model_is_refused(avatar: Avatar) -> None:
 def test_a_motion_without_frames_is_refused(avatar: Avatar) -> None:
     with pytest.raises(DynhairError, match="no frames"):
         strand_motion(avatar, head_track(), [])
+
+
+def test_what_is_exported_is_edited(avatar: Avatar) -> None:
+    edited = avatar.edited(Brightness(0.5), Thin(0.5), Width(3.0))
+    plain, motion = strand_motion(avatar, head_track()), strand_motion(edited, head_track())
+    assert 0 < len(motion.ids) < len(plain.ids)
+    np.testing.assert_allclose(motion.at(1).strands, plain.at(1).strands[motion.ids], atol=1e-6)
+    np.testing.assert_allclose(motion.root_uvs, plain.root_uvs[motion.ids], atol=1e-6)
+    np.testing.assert_allclose(motion.colours, plain.colours[motion.ids] / 2, atol=1e-6)
+    np.testing.assert_allclose(motion.widths, 3 * plain.widths[motion.ids], rtol=1e-5)
