@@ -97,7 +97,7 @@ def strand_motion(
     """An avatar that follows a track, frame by frame.
 
     Args:
-        avatar: with its edits.
+        avatar: with its edits; it may not change while frames are made.
         track: head poses and expressions, in the avatar's own world and at its frame rate.
         frames: which of the track's frames, in this order; all by default.
         mesh: the head's surface at rest, to go along; none by default.
@@ -107,6 +107,7 @@ def strand_motion(
         DynhairError: there are no frames, or the track is of another face model than the avatar was trained with.
     """
     require_expressions(track, avatar.head.expression_size, avatar.expression_basis)
+    avatar = avatar.frozen()
     chosen = list(range(len(track.rotations)) if frames is None else frames)
     device = avatar.background.device
     if not chosen:
