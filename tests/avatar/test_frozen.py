@@ -52,7 +52,9 @@ def test_it_draws_the_same_images(threads: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "change", [{"signals": "pose"}, {"encoder": "mlp"}, {"film": False}, {"knots": 3}, {"layers": 3}], ids=str
+    "change",
+    [{"signals": "pose"}, {"encoder": "mlp"}, {"film": False}, {"knots": 3}, {"layers": 3}, {"kind": "modal"}],
+    ids=str,
 )
 def test_every_kind_of_hair_motion_stays(change: dict[str, Any]) -> None:
     avatar = make_avatar(deformer=replace(SMALL, **change)).eval()

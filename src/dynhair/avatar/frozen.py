@@ -15,6 +15,7 @@ from dynhair.avatar.frozen_layers import FrozenBranches, FrozenLayers
 from dynhair.avatar.hair import Hair
 from dynhair.avatar.head import Head
 from dynhair.avatar.head_pose import HeadPose
+from dynhair.avatar.modal import ModalDeformer
 from dynhair.camera import Camera
 from dynhair.capture import HeadTrack
 from dynhair.strands import smooth_strands
@@ -24,7 +25,8 @@ from dynhair.threads import beside, thread_count
 class FrozenHair(Hair):
     """Hair whose parameters do not change (:meth:`Avatar.frozen`).
 
-    What the network adds at the knots goes through spline, attenuation and low-pass in one product.
+    What the network adds at the knots goes through spline, attenuation and low-pass in one product. The shapes of modes
+    are worked out once.
 
     Args:
         hair: whose parameters it shares.
@@ -41,6 +43,9 @@ class FrozenHair(Hair):
             smoothing = smooth_strands(unit)[..., 0].T
             attenuated = (DISPLACEMENT_UNIT * deformer.root_attenuation)[:, None] * deformer.spline
             self._from_knots = smoothing @ attenuated
+        if isinstance(deformer, ModalDeformer):
+            shapes = [self._at_knots(one).flatten() for one in torch.eye(deformer.config.modes).to(self._rest)]
+            self._shapes = torch.stack(shapes)
 
     @torch.no_grad()
     def forward(self, window: Float[Tensor, "t c"] | None) -> Float[Tensor, "n l 3"]:
@@ -48,10 +53,16 @@ class FrozenHair(Hair):
         deformer = self.deformer
         if window is None or not isinstance(deformer, HairDeformer):
             return self._rest
-        layers = deformer.layers(deformer.embedding(window))
-        at_knots = FrozenLayers([layer.weight for layer in layers])([layer.bias for layer in layers], deformer.code)
+        embedding = deformer.embedding(window)
+        at_knots = embedding @ self._shapes if isinstance(deformer, ModalDeformer) else self._at_knots(embedding)
         moved = (self._from_knots @ at_knots.view(self._from_knots.shape[1], -1)).view(deformer.points, -1, 3)
         return self._rest + moved.transpose(0, 1)
+
+    def _at_knots(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, "k 3"]:
+        """What the network says of all knots."""
+        assert isinstance(self.deformer, HairDeformer)
+        layers = self.deformer.layers(embedding)
+        return FrozenLayers([layer.weight for layer in layers])([layer.bias for layer in layers], self.deformer.code)
 
 
 class FrozenHead(Head):
