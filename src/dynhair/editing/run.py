@@ -155,7 +155,7 @@ def _picture(edited: Avatar, avatar: Path, path: Path, console: Console) -> None
     try:
         recording = edited.recording or recording_of(avatar)
     except DynhairError as error:
-        console.print(Text(f"n/a: a picture: {error.message}", style="dim"))
+        console.print(Text(f"n/a: a picture: {error.message}", style="dim"), soft_wrap=True)
         return
     track = motion("stop", recording)
     camera = recording.camera.to(edited.background.device)
