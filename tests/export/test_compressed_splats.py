@@ -65,6 +65,16 @@ def test_everything_comes_back_within_its_bits(count: int, tmp_path: Path) -> No
 
 
 @pytest.mark.slow
+def test_plain_colours_get_no_tint(tmp_path: Path) -> None:
+    splats = random_splats(2000)
+    splats.harmonics[:, 1:] = 0
+    write_compressed_splats(tmp_path / "posed.compressed.ply", splats)
+    higher = read(tmp_path / "posed.compressed.ply").harmonics[:, 1:]
+    assert higher.abs().max() < 0.016
+    assert higher.mean(0).abs().max() < 0.002
+
+
+@pytest.mark.slow
 def test_gsply_reads_plain_splats_as_they_are(tmp_path: Path) -> None:
     splats = random_splats(100)
     write_splats(tmp_path / "posed.ply", splats)

@@ -57,7 +57,10 @@ def write_compressed_splats(path: Path | str, splats: Splats) -> None:
         ],
         axis=1,
     )
-    harmonics = ((part["higher"] / _HARMONICS + 0.5) * 256).clip(0, 255).astype(np.uint8)
+    # Nought lies halfway between two steps: rounded up or down at random, its errors cancel where Gaussians blend.
+    steps = (part["higher"] / _HARMONICS + 0.5) * 256 - 0.5
+    dither = np.random.default_rng(0).random(steps.shape, np.float32)
+    harmonics = np.floor(steps + dither).clip(0, 255).astype(np.uint8)
     chunks = np.concatenate([bounds, scale_bounds, colour_bounds], 1).astype("<f4")
     with atomic_file(path) as temporary, temporary.open("wb") as file:
         file.write(_header(len(chunks), len(table)))
