@@ -17,7 +17,7 @@ from dynhair.capture import Capture, ExpressionBasis
 from dynhair.errors import DynhairError
 from dynhair.export.splats import Splats, read_splats
 from dynhair.render import Gaussians
-from dynhair.viewer.browser_scene import MOST_SEGMENTS, scaled_moments, strand_lines
+from dynhair.viewer.browser_scene import MOST_SEGMENTS, browser_splats, scaled_moments, strand_lines
 from dynhair.viewer.drawing import cut_out, picture
 from dynhair.viewer.expression_sliders import expression_sliders
 from dynhair.viewer.motions import named_clips
@@ -109,6 +109,17 @@ def test_files_are_what_they_are_called(super_resolution: int, tmp_path: Path) -
     assert (image.format, image.mode, image.size) == ("PNG", "RGBA", (1536, 1024))
     (tmp_path / "splats.ply").write_bytes(splat_file(avatar, posed))
     assert len(read_splats(tmp_path / "splats.ply").means) == 20 * 7 + 100
+
+
+def test_what_the_browser_draws_are_the_exported_splats_as_one_camera_sees_them() -> None:
+    fast = browser_splats(AVATAR, POSED, front_camera())
+    exported = Splats.of(AVATAR, POSED).seen_from(front_camera())
+    scalp = torch.zeros(20 * 7 + 100, dtype=torch.bool)
+    scalp[20 * 7 :: 5] = True  # its colours are those of the hair from another place, a little off
+    for name in ("means", "scales", "opacities"):
+        torch.testing.assert_close(getattr(fast, name), getattr(exported, name))
+    torch.testing.assert_close(fast.features[~scalp], exported.features[~scalp], atol=1e-5, rtol=1e-4)
+    torch.testing.assert_close(fast.features[scalp], exported.features[scalp], atol=0.1, rtol=0)
 
 
 def test_moments_are_those_of_the_gaussians_in_centimetres() -> None:

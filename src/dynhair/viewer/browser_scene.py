@@ -10,8 +10,8 @@ from jaxtyping import Float, Float32, UInt8
 from torch import Tensor
 
 from dynhair.avatar import Avatar, PosedAvatar
+from dynhair.avatar.drawn_hair import COLOURS, drawn_hair
 from dynhair.camera import Camera
-from dynhair.export.splats import Splats
 from dynhair.render import Gaussians
 from dynhair.render.reference import quaternion_matrix
 from dynhair.viewer.settings import Display
@@ -57,7 +57,7 @@ class BrowserScene:
                 self._splats.remove()
                 self._splats = None
             return 0
-        drawn = Splats.of(self._avatar, posed).seen_from(self._eye)
+        drawn = browser_splats(self._avatar, posed, self._eye)
         if display == "splats":
             return self._show_splats(drawn)
         segments = posed.strands.shape[0] * (posed.strands.shape[1] - 1)
@@ -83,6 +83,26 @@ class BrowserScene:
         else:
             self._lines.points, self._lines.colors = ends, colours
         return ends.nbytes + colours.nbytes
+
+
+def browser_splats(avatar: Avatar, posed: PosedAvatar, eye: Camera) -> Gaussians:
+    """Hair and head in the colours that one camera sees.
+
+    They are :class:`~dynhair.export.splats.Splats` without harmonics, which would take several times as long.
+    """
+    head, look = posed.head, posed.hair
+    hair = drawn_hair(posed.strands, look.widths, look.base_harmonic, look.higher_harmonics, [eye])
+    colours = hair.features[..., COLOURS]
+    rows, cover, of_scalp = avatar.scalp(colours, look)
+    of_head = head.colours[:, :3].clone()
+    of_head[rows] = torch.lerp(of_head[rows], of_scalp[0], cover[:, None])
+    return Gaussians(
+        means=torch.cat([hair.means, head.means]),
+        quats=torch.cat([hair.quats, head.quats]),
+        scales=torch.cat([hair.scales, head.scales]),
+        opacities=torch.cat([hair.means.new_ones(len(hair.means)), head.opacities]),
+        features=torch.cat([colours[0], of_head]).clamp_min(0),
+    )
 
 
 def scaled_moments(drawn: Gaussians) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, "n 3 3"]]:

@@ -13,6 +13,7 @@ from rich.console import Console
 from dynhair.avatar import Avatar
 from dynhair.capture import Capture
 from dynhair.errors import DynhairError
+from dynhair.threads import keep_large_blocks
 from dynhair.training.recording import recording_of
 from dynhair.training.run import avatar_folder, trained_capture
 from dynhair.viewer.motions import named_clips
@@ -47,6 +48,7 @@ def run_viewer(
         DynhairError: viser is not installed, or the avatar or the capture cannot be read.
     """
     path, console = Path(avatar), console or Console()
+    keep_large_blocks()
     with console.status("opening the avatar"):
         loaded, recording = Avatar.load(avatar_folder(path)).frozen(), recording_of(path)
         clips = named_clips(recording, _capture(path, capture), loaded)
