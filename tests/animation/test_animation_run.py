@@ -88,7 +88,7 @@ def test_an_interrupted_folder_goes_on_with_what_is_missing(
 ) -> None:
     draw, indices = FrozenAvatar.draw, []
 
-    def interrupted(self: Avatar, *arguments: Any, **options: Any) -> Any:
+    def interrupted(self: FrozenAvatar, *arguments: Any, **options: Any) -> Any:
         if len(indices) == 3:
             raise KeyboardInterrupt
         indices.append(len(indices))
@@ -106,7 +106,8 @@ def test_an_interrupted_folder_goes_on_with_what_is_missing(
     assert [path.stat().st_mtime_ns for path in there] == before
     animate(avatar, tmp_path / "whole")
     for index in range(FRAMES):
-        np.testing.assert_array_equal(*(pixels(tmp_path / name / f"{index:05d}.png") for name in ("nod", "whole")))
+        found, expected = (pixels(tmp_path / name / f"{index:05d}.png") for name in ("nod", "whole"))
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_a_folder_of_another_animation_or_of_other_things_is_left_alone(avatar: Path, tmp_path: Path) -> None:
@@ -128,7 +129,7 @@ def test_an_error_leaves_no_video_and_no_preview(
 ) -> None:
     draw, drawn = FrozenAvatar.draw, []
 
-    def fails(self: Avatar, *arguments: Any, **options: Any) -> Any:
+    def fails(self: FrozenAvatar, *arguments: Any, **options: Any) -> Any:
         drawn.append(self)
         if len(drawn) == 3:
             assert (tmp_path / "nod.preview.png").exists()

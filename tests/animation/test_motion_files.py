@@ -93,7 +93,7 @@ def written(path: Path, **columns: Any) -> Path:
     """Columns in the format that the path names; None leaves one out."""
     kept = {name: value for name, value in columns.items() if value is not None}
     if path.suffix == ".npz":
-        np.savez(path, **{name: np.array(value) for name, value in kept.items()})
+        np.savez(path, **{name: np.array(value) for name, value in kept.items()})  # pyright: ignore[reportArgumentType]
     else:
         path.write_text(json.dumps(kept), encoding="utf-8")
     return path

@@ -129,7 +129,7 @@ def expressive(basis: ExpressionBasis | None, *rows: list[float], rest: list[flo
 def test_the_drivers_neutral_face_is_the_avatars(bases: tuple[ExpressionBasis | None, ...]) -> None:
     motion = expressive(bases[0], [0.25, 0.0, 0.5], [0.75, 0.0, 0.5], rest=[0.25, 0.0, 0.5])
     found, said = carried_expressions(motion, NEUTRAL, bases[1])
-    np.testing.assert_allclose(found, [NEUTRAL, NEUTRAL + np.float32([0.5, 0, 0])])
+    np.testing.assert_allclose(found, [NEUTRAL, NEUTRAL + np.array([0.5, 0, 0], np.float32)])
     assert said is None
 
 
@@ -137,7 +137,7 @@ def test_namesakes_are_carried_over_however_they_are_spelt() -> None:
     other = ExpressionBasis("ARKit", ("browInnerUp", "EyeBlink_L", "jaw_open", "mouthSmileRight"))
     motion = expressive(other, [0.9, 0.1, 0.2, 0.3], [0.9, 0.0, 0.0, 0.0], rest=[0.0, 0.0, 0.0, 0.0])
     found, said = carried_expressions(motion, NEUTRAL, BASIS)
-    np.testing.assert_allclose(found, [NEUTRAL + np.float32([0.2, 0.1, 0.3]), NEUTRAL])
+    np.testing.assert_allclose(found, [NEUTRAL + np.array([0.2, 0.1, 0.3], np.float32), NEUTRAL])
     assert said == "3 of the driver's 4 expressions are carried over by name"
 
 

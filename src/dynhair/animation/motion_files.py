@@ -67,7 +67,7 @@ def _read_npz(path: Path) -> Columns:
 
 def _write_npz(path: Path, columns: Columns) -> None:
     with path.open("wb") as file:
-        np.savez(file, allow_pickle=False, **columns)
+        np.savez(file, **columns)  # pyright: ignore[reportArgumentType]
 
 
 def _read_json(path: Path) -> Columns:
