@@ -137,6 +137,7 @@ def test_a_dragged_head_arrives_and_the_hair_comes_to_rest(stage: Stage) -> None
     for second in range(1, 7):
         stage.shown(float(second))
     assert stage.wait(7.0) is None
+    assert stage.shown(7.0) is stage.shown(9.0)
     still = replace(
         head_track(), rotations=np.tile(rotation, (FRAMES, 1, 1)), translations=np.tile(translation, (FRAMES, 1))
     )

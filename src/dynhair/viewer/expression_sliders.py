@@ -51,6 +51,11 @@ def expression_sliders(avatar: Avatar, tracks: Sequence[HeadTrack], count: int =
     strongest = [int(index) for index in np.argsort(-scores, kind="stable") if scores[index] > 0][:count]
     names = avatar.expression_basis.names if avatar.expression_basis else ()
     return [
-        ExpressionSlider(index, names[index] if names else f"coefficient {index}", float(reaches[index]))
+        ExpressionSlider(index, names[index] if names else f"coefficient {index}", _round(reaches[index]))
         for index in strongest
     ]
+
+
+def _round(reach: float) -> float:
+    """To two digits, for a label."""
+    return float(f"{reach:.2g}")

@@ -40,7 +40,7 @@ class LiveHead:
         history: int,
         now: float,
     ) -> None:
-        self.fps, self._start, self._frame = fps, now, 0
+        self.fps, self._start, self._frame, self._steps = fps, now, 0, 0
         self._target = Rotation.from_matrix(rotation), np.array(translation)
         self._lag, self._velocity = np.zeros(6), np.zeros(6)
         # three frames more than the hair sees: a second difference reaches two back, and one is at rest
@@ -51,8 +51,8 @@ class LiveHead:
 
     @property
     def steps(self) -> int:
-        """Frames since it began; two moments of the same number look the same."""
-        return self._frame
+        """Frames in which it moved; two moments of the same number look the same."""
+        return self._steps
 
     @property
     def moving(self) -> bool:
@@ -80,7 +80,8 @@ class LiveHead:
         missed = frame - self._frame
         self._frame = max(frame, self._frame)
         for _ in range(min(missed, len(self._past))):
-            self._step(1 / self.fps)
+            if self.moving:
+                self._step(1 / self.fps)
 
     def wait(self, now: float) -> float | None:
         """Seconds until the next frame; None where it would show nothing new."""
@@ -98,6 +99,7 @@ class LiveHead:
         return HeadTrack(rotations, translations, expressions, self.fps, gravity, basis)
 
     def _step(self, seconds: float) -> None:
+        self._steps += 1
         # the exact solution of x'' = -k^2 x - 2 k x'
         change = self._velocity + STIFFNESS * self._lag
         fading = math.exp(-STIFFNESS * seconds)
