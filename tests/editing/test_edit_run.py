@@ -50,7 +50,7 @@ def test_edits_are_appended_listed_and_pictured(folder: Path) -> None:
     assert Avatar.load(folder).edits == edits
     assert (folder / "avatar.safetensors").read_bytes() == tensors
     assert sorted(path.name for path in folder.iterdir()) == ["avatar.json", "avatar.safetensors"]
-    for line in ("1  brightness x 0.7 (left)", "6  width x 1.5", "left: 10 of 20 strands", "edit.png"):
+    for line in ("1  brightness x 0.7 (left)", "6  width x 1.5", "what remains: 10 of 20 strands", "edit.png"):
         assert line in printed(console)
     with Image.open(folder.parent / "edit.png") as sheet:
         assert sheet.width > 4 * 40  # two columns, each shown at twice its size

@@ -147,7 +147,7 @@ def _print(edited: Avatar, folder: Path, console: Console) -> None:
     left, trained = edited.resting_strands, edited.canonical_strands
     lengths = [f"{100 * float(strand_lengths(strands).median()):.1f}" for strands in (left, trained)]
     counts = f"{len(left)} of {len(trained)} strands"
-    console.print(f"left: {counts}, by the median {lengths[0]} of {lengths[1]} cm", highlight=False)
+    console.print(f"what remains: {counts}, by the median {lengths[0]} of {lengths[1]} cm", highlight=False)
 
 
 def _picture(edited: Avatar, avatar: Path, path: Path, console: Console) -> None:
