@@ -43,9 +43,10 @@ for (int base = first; base < last; base += ROWS) {
                     Vec sum = 0.0f;
                     for (int k = 0; k < in; k += 16)
                         sum += *(const Vec*)(x[r] + k) * *(const Loose*)(w + o * rounded(in) + k);
-                    float total = bias[o] + (own ? own[row(r) * width + o] : 0.0f);
-                    for (int k = 0; k < 16; ++k) total += sum[k];
-                    outputs[(base + r) * (i64)out + o] = total;
+                    const auto eight = sum.lo + sum.hi;
+                    const auto four = eight.lo + eight.hi;
+                    const float total = (four[0] + four[1]) + (four[2] + four[3]) + bias[o];
+                    outputs[(base + r) * (i64)out + o] = own ? total + own[row(r) * width + o] : total;
                 }
             break;
         }
