@@ -8,9 +8,10 @@ from typing import Any
 import pytest
 
 from dynhair.ablations import ABLATIONS, AblationName, ablated
-from dynhair.config import preset
+from dynhair.config import preset, with_deformer
 
 CHANGES: dict[str, set[str]] = {
+    "paper-deformer": {"hair.deformer.kind", "hair.deformer.history"},
     "pose": {"hair.deformer.signals"},
     "no-acceleration": {"hair.deformer.acceleration"},
     "no-gravity": {"hair.deformer.gravity"},
@@ -37,10 +38,19 @@ def flat(value: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     return settings
 
 
+OF_THE_PAPERS_NETWORK = ("pose", "no-film", "mlp-encoder")
+
+
 @pytest.mark.parametrize("name", ABLATIONS)
 def test_an_ablation_changes_what_it_says(name: AblationName) -> None:
-    full, without = (flat(dataclasses.asdict(config)) for config in (preset("small"), ablated(preset("small"), name)))
+    base = with_deformer(preset("small"), "paper") if name in OF_THE_PAPERS_NETWORK else preset("small")
+    full, without = (flat(dataclasses.asdict(config)) for config in (base, ablated(base, name)))
     assert {setting for setting in full if full[setting] != without[setting]} == CHANGES[name]
+
+
+@pytest.mark.parametrize("name", OF_THE_PAPERS_NETWORK)
+def test_modal_hair_has_no_part_of_the_papers_network(name: AblationName) -> None:
+    assert ablated(preset("small"), name) == preset("small")
 
 
 def test_every_ablation_is_known() -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, Literal, get_args
 
-from dynhair.config import Config
+from dynhair.config import Config, with_deformer
 
 AblationName = Literal[
+    "paper-deformer",
     "pose",
     "no-acceleration",
     "no-gravity",
@@ -21,9 +22,10 @@ AblationName = Literal[
     "head-collision",
     "no-reach",
 ]
-"""``pose`` gives the deformer the head's pose for its velocities, ``rigid`` takes away the non-rigid deformation, and
-``head-collision`` keeps strands out of the head alone, as the paper does. ``no-reach`` leaves out a term that the
-paper does not have."""
+"""``paper-deformer`` has the paper's network where hair swings in modes; ``pose``, ``no-film`` and ``mlp-encoder`` are
+of parts of that network, which modes have not. ``pose`` gives the deformer the head's pose for its velocities,
+``rigid`` takes away the non-rigid deformation, and ``head-collision`` keeps strands out of the head alone, as the paper
+does. ``no-reach`` leaves out a term that the paper does not have."""
 
 ABLATIONS: tuple[AblationName, ...] = get_args(AblationName)
 
@@ -32,6 +34,10 @@ def ablated(config: Config, name: AblationName | None) -> Config:
     """A configuration without one part of the method; as it is for None."""
     match name:
         case None:
+            return config
+        case "paper-deformer":
+            return with_deformer(config, "paper")
+        case "pose" | "no-film" | "mlp-encoder" if config.hair.deformer.kind == "modal":
             return config
         case "pose":
             return _with_deformer(config, signals="pose")

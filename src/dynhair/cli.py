@@ -12,6 +12,7 @@ from tyro.conf import Positional, arg, subcommand
 
 from dynhair.ablations import ABLATIONS, AblationName
 from dynhair.cli_avatar import animate, edit, export, view
+from dynhair.config import DeformerKind
 from dynhair.errors import DynhairError
 from dynhair.preprocess.options import ImportOptions, PreprocessOptions
 
@@ -131,6 +132,7 @@ def train(
     seed: int | None = None,
     stages: tuple[StageName, ...] = ("static", "dynamic"),
     hair_init: Path | None = None,
+    deformer: DeformerKind | None = None,
     ablation: AblationName | None = None,
     resume: bool = False,
 ) -> None:
@@ -150,6 +152,8 @@ def train(
             starts from), dynamic the moving avatar with all that it needs. After one of them --resume goes on.
         hair_init: A groom (.hair, .data, .ply, .npz, .abc, .usd) to start the canonical hair from, in the place of
             the strand prior's guess.
+        deformer: What moves the hair: modal hair swings in learned damped modes, paper's is a network that hears the
+            last frames of motion; the preset's by default, modal in all but paper.
         ablation: Leave one part of the method out, as the paper's tables do.
         resume: Go on with the run in OUT, with its own configuration.
     """
@@ -157,7 +161,7 @@ def train(
     from dynhair.config import chosen_config
     from dynhair.training import train as train_avatar
 
-    chosen = ablated(chosen_config(preset, config, iterations, seed), ablation)
+    chosen = ablated(chosen_config(preset, config, iterations, seed, deformer), ablation)
     train_avatar(capture, out, chosen, stages=stages, hair_init=hair_init, resume=resume)
 
 
@@ -261,6 +265,7 @@ def ablate(
     iterations: int | None = None,
     rows: tuple[AblationName, ...] = ABLATIONS,
     seeds: tuple[int, ...] = (0,),
+    deformer: DeformerKind | None = None,
     jobs: int | None = None,
     memory: float | None = None,
 ) -> None:
@@ -277,6 +282,7 @@ def ablate(
         iterations: Steps of each training, if others than the preset's.
         rows: The parts, each of which is left out by one row; the whole method is a row by itself.
         seeds: Each row is trained once with each of these.
+        deformer: What moves the hair, if not as in the preset; pose, no-film, mlp-encoder are of paper's alone.
         jobs: How many rows run at once; one for each core by default, and one on a GPU.
         memory: GB that all rows may take together; 80 % of what is free by default.
     """
@@ -289,6 +295,7 @@ def ablate(
         iterations=iterations,
         rows=rows,
         seeds=seeds,
+        deformer=deformer,
         jobs=jobs,
         memory=memory,
     )

@@ -18,8 +18,12 @@ from dynhair.errors import DynhairError
 from dynhair.mesh_config import MeshHeadConfig
 from dynhair.storage import atomic_file
 
-MODAL_HISTORY = 120
-"""Frames that modes look back: even the slowest has forgotten all but 1 % of what is older, as they begin."""
+DeformerKind = Literal["paper", "modal"]
+"""``paper``'s network hears a window of motion, ``modal`` hair swings in learned damped modes."""
+
+HISTORIES: Mapping[DeformerKind, int] = {"paper": 20, "modal": 120}
+"""Frames that each looks back, if nothing else is said. The paper's are 5; with 20 its hair is better on motions that
+training did not see. Modes forget: after 120 frames even the slowest keeps 1 % of a swing, as they begin."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +31,8 @@ class DeformerConfig:
     """What moves the hair.
 
     Attributes:
-        kind: ``paper``'s network hears a window of motion; ``modal`` hair swings in learned damped modes, of which
-            ``signals`` to ``film``, ``signal_frequencies`` and ``hidden`` say nothing.
+        kind: ``paper``'s network or ``modal`` hair, of which ``signals``, ``encoder``, ``film``, ``signal_frequencies``
+            and ``hidden`` say nothing.
         history: frames T before the current one that it depends on. Modes forget what is older.
         signals: what it sees of the motion: ``velocity`` and acceleration, or the absolute ``pose`` (an ablation).
         acceleration: whether it sees the angular acceleration.
@@ -46,7 +50,7 @@ class DeformerConfig:
             is 0. On a trained avatar 8 of 32 cost a quarter and differ by 2.5 % of the motion's RMS.
     """
 
-    kind: Literal["paper", "modal"] = "paper"
+    kind: DeformerKind = "paper"
     history: int = 5
     modes: int = 24
     signals: Literal["velocity", "pose"] = "velocity"
@@ -300,18 +304,22 @@ class Config:
 
 PRESETS: Mapping[str, Config] = {
     "tiny": Config(
-        hair=HairConfig(strands=600, points=24, deformer=DeformerConfig(hidden=64, width=64)),
+        hair=HairConfig(strands=600, points=24, deformer=DeformerConfig("modal", HISTORIES["modal"], width=64)),
         static=StaticConfig(encoder_iterations=20, style_generations=8, iterations=250),
         mesh=MeshHeadConfig(resolution=32, iterations=150),
         head=HeadConfig(gaussians=8000, mouth_gaussians=300, features=16, deformation_width=48, appearance_width=16),
         training=TrainingConfig(iterations=1200, checkpoint_every=300, preview_every=300),
     ),
     "small": Config(
-        hair=HairConfig(deformer=DeformerConfig(history=20, position_frequencies=3)),
+        hair=HairConfig(deformer=DeformerConfig("modal", HISTORIES["modal"], position_frequencies=3)),
         training=TrainingConfig(iterations=12_000, checkpoint_every=1000, weights=_MEASURED),
     ),
     "medium": Config(
-        hair=HairConfig(strands=5000, points=40, deformer=DeformerConfig(history=20, position_frequencies=3, knots=12)),
+        hair=HairConfig(
+            strands=5000,
+            points=40,
+            deformer=DeformerConfig("modal", HISTORIES["modal"], position_frequencies=3, knots=12),
+        ),
         static=StaticConfig(encoder_iterations=400, iterations=4000, views=4, weights=StaticWeights(perceptual=0.01)),
         head=HeadConfig(
             gaussians=60_000, mouth_gaussians=1500, features=64, deformation_width=128, appearance_width=64
@@ -369,11 +377,11 @@ def chosen_config(
     file: Path | None,
     iterations: int | None,
     seed: int | None,
-    deformer: Literal["paper", "modal"] | None = None,
+    deformer: DeformerKind | None = None,
 ) -> Config:
     """A preset, or the configuration in a file, with other iterations, seed, kind of deformer where they are given."""
     config = preset(name) if file is None else read_config(file)
-    if deformer is not None and deformer != config.hair.deformer.kind:
+    if deformer is not None:
         config = with_deformer(config, deformer)
     training = config.training
     training = dataclasses.replace(
@@ -384,10 +392,11 @@ def chosen_config(
     return dataclasses.replace(config, training=training)
 
 
-def with_deformer(config: Config, kind: Literal["paper", "modal"]) -> Config:
-    """A configuration with another kind of deformer, which looks as far back as that one has to."""
-    history = {"modal": MODAL_HISTORY, "paper": DeformerConfig().history}[kind]
-    deformer = dataclasses.replace(config.hair.deformer, kind=kind, history=history)
+def with_deformer(config: Config, kind: DeformerKind) -> Config:
+    """A configuration with another kind of deformer, which looks as far back as is good for that one."""
+    if kind == config.hair.deformer.kind:
+        return config
+    deformer = dataclasses.replace(config.hair.deformer, kind=kind, history=HISTORIES[kind])
     return dataclasses.replace(config, hair=dataclasses.replace(config.hair, deformer=deformer))
 
 

@@ -30,10 +30,10 @@ def test_tasks_of_any_methods_and_seeds_come_after_what_they_need(methods: list[
 
 
 def test_one_hair_serves_all_rows_of_a_seed() -> None:
-    rows = ablated_rows(["pose", "rigid"], [0, 3])
+    rows = ablated_rows(["no-gravity", "rigid"], [0, 3])
     assert [row.name for row in rows] == [
-        *("hair-seed0", "full-seed0", "pose-seed0", "rigid-seed0"),
-        *("hair-seed3", "full-seed3", "pose-seed3", "rigid-seed3"),
+        *("hair-seed0", "full-seed0", "no-gravity-seed0", "rigid-seed0"),
+        *("hair-seed3", "full-seed3", "no-gravity-seed3", "rigid-seed3"),
     ]
     comparison = Comparison(Path("nowhere"), "ablations", Path("c"), "tiny", preset("tiny"), {r.name: r for r in rows})
     needs = {task.name: task.needs for task in tasks(comparison, comparison.rows)}
@@ -68,32 +68,33 @@ def test_the_stages_that_rows_share_have_the_same_settings_in_all_of_them() -> N
 
 
 def test_what_a_preset_does_not_have_cannot_be_taken_away() -> None:
+    of_the_network = ["pose", "no-film", "mlp-encoder"]
     absent = [name for name in ABLATIONS if changes_nothing(preset("tiny"), name)]
-    assert absent == ["no-raised-perceptual", "no-reach"]
-    assert not [name for name in ABLATIONS if changes_nothing(preset("small"), name)]
+    assert absent == [*of_the_network, "no-raised-perceptual", "no-reach"]
+    assert [name for name in ABLATIONS if changes_nothing(preset("small"), name)] == of_the_network
     ours = [name for name in ABLATIONS if changes_nothing(preset("paper"), name)]
-    assert ours == ["no-reach"]
+    assert ours == ["paper-deformer", "no-reach"]
 
 
 def test_rows_begin_with_the_shared_hair_and_settings_of_their_own(tmp_path: Path) -> None:
-    comparison = comparison_of(tmp_path / "out", "pose", seeds=[2])
-    hair, _, pose = comparison.rows.values()
+    comparison = comparison_of(tmp_path / "out", "no-gravity", seeds=[2])
+    hair, _, without = comparison.rows.values()
     begin(comparison, hair)
     for name in ("canonical_hair", "first_guess"):
         (comparison.folder(hair.name) / f"{name}.safetensors").write_text(name)
-    begin(comparison, pose)
-    begin(comparison, pose)
-    folder = comparison.folder("pose-seed2")
+    begin(comparison, without)
+    begin(comparison, without)
+    folder = comparison.folder("no-gravity-seed2")
     assert (folder / "canonical_hair.safetensors").read_text() == "canonical_hair"
     text = (folder / "config.yaml").read_text()
-    assert "signals: pose" in text
+    assert "gravity: false" in text
     assert "seed: 2" in text
 
 
 def test_memory_is_remembered_by_kind(tmp_path: Path) -> None:
-    comparison = comparison_of(tmp_path / "out", "pose", "rigid")
+    comparison = comparison_of(tmp_path / "out", "no-gravity", "rigid")
     comparison.change("hair-seed0", state="done", peak_memory=900)
     comparison.change("full-seed0", state="done", peak_memory=100)
-    comparison.change("pose-seed0", state="done", peak_memory=300)
+    comparison.change("no-gravity-seed0", state="done", peak_memory=300)
     comparison.change("rigid-seed0", state="failed", peak_memory=500)
     assert measured_memory(comparison) == {"hair": 900, "ours": 300}

@@ -21,27 +21,30 @@ def changed(config: Config, **training: Any) -> Config:
 
 
 def test_it_comes_back_as_it_was(tmp_path: Path) -> None:
-    comparison = comparison_of(tmp_path / "out", "pose", seeds=[0, 1])
-    comparison.change("pose-seed1", state="failed", error="on fire", seconds_trained=1.5, peak_memory=7)
+    comparison = comparison_of(tmp_path / "out", "no-gravity", seeds=[0, 1])
+    comparison.change("no-gravity-seed1", state="failed", error="on fire", seconds_trained=1.5, peak_memory=7)
     comparison.write()
     assert Comparison.read(tmp_path / "out") == comparison
 
 
 def test_the_table_has_no_shared_rows(tmp_path: Path) -> None:
-    comparison_of(tmp_path / "out", "pose")
+    comparison_of(tmp_path / "out", "no-gravity")
     value = json.loads((tmp_path / "out" / COMPARISON).read_text())
     assert value["kind"] == "dynhair comparison"
     assert value["table"] == "ablations"
     assert value["preset"] == "tiny"
     assert value["iterations"] == preset("tiny").training.iterations
-    assert [(row["name"], row["method"]) for row in value["rows"]] == [("full-seed0", "ours"), ("pose-seed0", "pose")]
+    assert [(row["name"], row["method"]) for row in value["rows"]] == [
+        ("full-seed0", "ours"),
+        ("no-gravity-seed0", "no-gravity"),
+    ]
     for row in value["rows"]:
         assert row["folder"] == row["name"]
         assert row["state"] == "pending"
 
 
 def test_another_comparison_is_refused_and_what_differs_is_named(tmp_path: Path) -> None:
-    comparison = comparison_of(tmp_path / "out", "pose")
+    comparison = comparison_of(tmp_path / "out", "no-gravity")
     comparison.require_same(dataclasses.replace(comparison, rows={}))
     other = dataclasses.replace(
         comparison, capture=Path("elsewhere"), config=changed(comparison.config, iterations=7, image_size=64)
@@ -63,8 +66,8 @@ def test_a_precision_that_is_not_decided_agrees_with_any(tmp_path: Path) -> None
 
 
 def test_a_run_of_other_settings_in_a_row_is_refused(tmp_path: Path) -> None:
-    comparison = comparison_of(tmp_path / "out", "pose")
-    row = comparison.rows["pose-seed0"]
+    comparison = comparison_of(tmp_path / "out", "no-gravity")
+    row = comparison.rows["no-gravity-seed0"]
     begin(comparison, row)
     comparison.config = changed(comparison.config, iterations=7)
     with pytest.raises(DynhairError, match=r"training\.iterations 1200 \(expected: 7\)"):

@@ -47,7 +47,7 @@ def quiet() -> Console:
 
 
 def ablate(capture: Path, out: Path, *rows: str, seeds: Sequence[int] = (0,), console: Console | None = None) -> bool:
-    chosen = rows or ("pose",)
+    chosen = rows or ("no-gravity",)
     return run_ablation(
         capture,
         out,
@@ -80,11 +80,11 @@ def trained_run(capture: Path, path: Path, seed: int = 4) -> Path:
 
 def test_rows_and_seeds_can_be_added(capture: Path, tmp_path: Path, reports: list[Path]) -> None:
     out = tmp_path / "out"
-    assert ablate(capture, out, "pose")
+    assert ablate(capture, out, "no-gravity")
     (out / "full-seed0" / "begun").unlink()
     assert ablate(capture, out, "rigid", seeds=[0, 1])
     assert states(out) == {
-        **dict.fromkeys(("hair-seed0", "full-seed0", "pose-seed0", "rigid-seed0"), "done"),
+        **dict.fromkeys(("hair-seed0", "full-seed0", "no-gravity-seed0", "rigid-seed0"), "done"),
         **dict.fromkeys(("hair-seed1", "full-seed1", "rigid-seed1"), "done"),
     }
     assert not (out / "full-seed0" / "begun").exists()
@@ -93,10 +93,10 @@ def test_rows_and_seeds_can_be_added(capture: Path, tmp_path: Path, reports: lis
 
 def test_a_failure_is_told_and_reported(capture: Path, tmp_path: Path, reports: list[Path]) -> None:
     out = tmp_path / "out"
-    order(out, "pose-seed0", "fail")
+    order(out, "no-gravity-seed0", "fail")
     assert not ablate(capture, out)
     assert len(reports) == 1
-    order(out, "pose-seed0", "")
+    order(out, "no-gravity-seed0", "")
     assert ablate(capture, out)
 
 
@@ -119,11 +119,11 @@ def test_a_row_whose_folder_is_deleted_is_made_again(capture: Path, tmp_path: Pa
     out = tmp_path / "out"
     assert ablate(capture, out)
     comparison = Comparison.read(out)
-    comparison.change("pose-seed0", seconds_trained=1e6)
+    comparison.change("no-gravity-seed0", seconds_trained=1e6)
     comparison.write()
-    shutil.rmtree(out / "pose-seed0")
+    shutil.rmtree(out / "no-gravity-seed0")
     assert ablate(capture, out)
-    row = Comparison.read(out).rows["pose-seed0"]
+    row = Comparison.read(out).rows["no-gravity-seed0"]
     assert row.state == "done"
     assert row.seconds_trained is not None
     assert row.seconds_trained < 1000
@@ -144,7 +144,7 @@ def test_an_ablation_of_what_the_preset_does_not_have_is_left_out(
     capture: Path, tmp_path: Path, reports: list[Path]
 ) -> None:
     console = quiet()
-    assert ablate(capture, tmp_path / "out", "pose", "no-raised-perceptual", console=console)
+    assert ablate(capture, tmp_path / "out", "no-gravity", "no-raised-perceptual", console=console)
     assert "no-raised-perceptual-seed0" not in states(tmp_path / "out")
     assert isinstance(console.file, io.StringIO)
     assert "no-raised-perceptual is left out" in console.file.getvalue()

@@ -69,10 +69,11 @@ def test_noise_on_a_still_axis_is_not_magnified() -> None:
         (DeformerConfig(acceleration=False), ("omega", "gravity")),
         (DeformerConfig(gravity=False), ("omega", "alpha")),
         (DeformerConfig(kind="modal"), ("omega", "alpha", "pull")),
+        (DeformerConfig(kind="modal", acceleration=False), ("omega", "pull")),
         (DeformerConfig(signals="pose"), ("rotation", "translation", "gravity")),
         (DeformerConfig(signals="pose", gravity=False), ("rotation", "translation")),
     ],
-    ids=["paper", "no acceleration", "no gravity", "modes", "pose", "pose alone"],
+    ids=["paper", "no acceleration", "no gravity", "modes", "modes, no acceleration", "pose", "pose alone"],
 )
 def test_conditions_hold_what_is_chosen_and_nothing_else(config: DeformerConfig, names: tuple[str, ...]) -> None:
     train = signals()

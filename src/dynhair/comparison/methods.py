@@ -24,6 +24,7 @@ LABELS: Mapping[str, str] = {
     "simulator": "Simulator",
     "simulator-tuned": "Simulator, tuned",
     "rigid": "Rigid hair",
+    "paper-deformer": "w/ the paper's deformer",
     "pose": "w/ pose",
     "no-acceleration": "w/o acceleration",
     "no-gravity": "w/o gravity",

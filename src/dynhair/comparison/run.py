@@ -20,7 +20,7 @@ from dynhair.comparison.rows import done, take_avatar, take_hair
 from dynhair.comparison.schedule import Schedule
 from dynhair.comparison.watching import result_table
 from dynhair.comparison.workers import Command, Workers, row_command
-from dynhair.config import PRESETS, Config, chosen_config
+from dynhair.config import PRESETS, Config, DeformerKind, chosen_config
 from dynhair.errors import DynhairError
 from dynhair.threads import thread_count
 from dynhair.training.run import Run
@@ -88,6 +88,7 @@ def run_ablation(
     iterations: int | None = None,
     rows: Sequence[AblationName] = ABLATIONS,
     seeds: Sequence[int] = (0,),
+    deformer: DeformerKind | None = None,
     jobs: int | None = None,
     memory: float | None = None,
     console: Console | None = None,
@@ -102,6 +103,7 @@ def run_ablation(
         iterations: steps, if others than the preset's.
         rows: the parts; those that the preset does not have are left out, which is said.
         seeds: each row is trained once with each.
+        deformer: what moves the hair, if not as in the preset.
         jobs: as in :func:`run_comparison`.
         memory: as in :func:`run_comparison`.
         console: where progress is shown.
@@ -115,7 +117,7 @@ def run_ablation(
         DynhairError: as for :func:`run_comparison`.
     """
     console = console or Console()
-    config = chosen_config(preset, None, iterations, None)
+    config = chosen_config(preset, None, iterations, None, deformer)
     for name in [name for name in rows if changes_nothing(config, name)]:
         console.print(
             f"{name} is left out: preset {preset} does not have what it takes away.", highlight=False, soft_wrap=True

@@ -23,15 +23,15 @@ def signal_names(config: DeformerConfig) -> tuple[str, ...]:
     """Which of the :class:`MotionSignals` the hair sees, in the order of the conditions' columns.
 
     The paper's are angular velocity, angular acceleration and gravity; pose, and the lack of any, are its ablations
-    (table 2). Modes see all that accelerates matter in the head's frame.
+    (table 2). Modes see the pull in the place of
+    gravity.
     """
-    if config.kind == "modal":
-        return ("omega", "alpha", "pull")
-    if config.signals == "pose":
+    if config.kind == "paper" and config.signals == "pose":
         motion = ("rotation", "translation")
     else:
         motion = ("omega", "alpha") if config.acceleration else ("omega",)
-    return (*motion, "gravity") if config.gravity else motion
+    gravity = "gravity" if config.kind == "paper" else "pull"
+    return (*motion, gravity) if config.gravity else motion
 
 
 class SignalNormalizer(nn.Module):
