@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from filmed_faces import JAW, SIZE, Performance
+from filmed_faces import JAW, MARK, SIZE, KnownFaces, Performance, grey
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from dynhair.animation.video_driver_expression import expression_hints, neutral_expression
-from dynhair.animation.video_driver_faces import SeenFace, even_series, usual_step
+from dynhair.animation.video_driver_faces import SeenFace, even_series, follow_face, usual_step
+from dynhair.animation.video_driver_frames import TimedFrame
 from dynhair.animation.video_driver_pose import (
     DEPTH,
     NEAREST,
@@ -80,6 +83,23 @@ def test_dropped_and_faceless_frames_are_missing_and_nothing_else() -> None:
     assert len(series.points) == 18
     assert np.isfinite(series.blendshapes).all()
     assert series.blendshapes[:, JAW].min() >= 0.2 - 1e-6
+
+
+def test_faces_that_cannot_be_the_one_that_is_followed_are_left_out() -> None:
+    times = np.arange(60) / 25
+    faces = Performance.at(times).faces()
+    middle = faces[0].points.mean(0)
+    elsewhere = replace(faces[10], points=faces[10].points + np.array([40, 0, 0], np.float32))
+    tiny = replace(faces[11], points=middle + (faces[11].points - middle) * np.float32(0.4))
+    faces[10], faces[11] = elsewhere, tiny
+    faces[20:] = [elsewhere] * 40  # the person was cut to another place
+    frames = [TimedFrame(float(time), grey(MARK * index)) for index, time in enumerate(times)]
+    found = np.array([seen.face is not None for seen in follow_face(frames, KnownFaces(faces))])
+    assert not found[10:12].any()
+    assert found[:10].all()
+    assert found[12:20].all()
+    assert not found[20:24].any()
+    assert found[-10:].all()
 
 
 def test_a_face_that_is_seen_once_is_no_series() -> None:

@@ -14,6 +14,8 @@ from dynhair.preprocess.landmarks import FaceLandmarker, FaceLandmarks, FaceSqua
 _USUAL = 1.5  # times the median step between frames: beyond it a frame was dropped
 _WIDEST = 1.75  # steps: landmarks are not interpolated between frames that are further apart
 _COINCIDES = 0.05  # of a step
+_JUMP, _SPEED = 0.3, 2.0  # of the face's side, and that a second: faces that moved further are others
+_SWELL, _GROWTH = 0.22, 0.4  # the same for the logarithm of the side
 
 
 @dataclass(frozen=True)
@@ -61,12 +63,20 @@ class FaceSeries:
 
 
 def follow_face(frames: Iterable[TimedFrame], landmarker: FaceLandmarker) -> Iterator[SeenFace]:
-    """Look for the face first where it was last seen, however long ago, and elsewhere only if it is not there."""
-    last: FaceSquare | None = None
+    """Look for the face first where it was last seen, however long ago, and elsewhere only if it is not there.
+
+    What is found at another place or of another size than that face can have by then is not it: hair over a face that
+    is turned away makes a detector see small faces anywhere.
+    """
+    last: tuple[float, FaceSquare] | None = None
     for frame in frames:
-        face = landmarker.detect(frame.pixels, last)
+        face = landmarker.detect(frame.pixels, None if last is None else last[1])
+        if last is not None and face is not None and not _reachable(face.square, last[1], frame.time - last[0]):
+            face = landmarker.detect(frame.pixels)
+            if face is not None and not _reachable(face.square, last[1], frame.time - last[0]):
+                face = None
         if face is not None:
-            last = face.square
+            last = frame.time, face.square
         height, width = frame.pixels.shape[:2]
         yield SeenFace(frame.time, face, (width, height))
 
@@ -116,3 +126,10 @@ def usual_step(times: Float[np.ndarray, " n"]) -> float:
     """Seconds between frames, dropped ones aside."""
     steps = np.diff(times)
     return float(steps[steps <= _USUAL * np.median(steps)].mean())
+
+
+def _reachable(square: FaceSquare, last: FaceSquare, seconds: float) -> bool:
+    """Whether a face can have come from one square to another."""
+    moved = float(np.linalg.norm(np.subtract(square.centre, last.centre))) / last.side
+    swollen = abs(float(np.log(square.side / last.side)))
+    return moved <= _JUMP + _SPEED * seconds and swollen <= _SWELL + _GROWTH * seconds
