@@ -103,6 +103,11 @@ def test_a_head_mesh_that_nobody_has_is_an_error_only_where_it_is_all(folder: Pa
     assert "without a head mesh" in console.file.getvalue()
 
 
+def test_a_motion_that_nobody_knows_is_named(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(DynhairError, match="`nodd`"):
+        run_export(folder, tmp_path / "out", motion="nodd", console=quiet())
+
+
 def test_frames_are_chosen() -> None:
     assert chosen_frames(None, 5) == range(5)
     assert chosen_frames("1:3", 5) == range(1, 3)

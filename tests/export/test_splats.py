@@ -97,6 +97,7 @@ def test_edited_hair_is_what_is_exported(avatar: Avatar) -> None:
     look = replace(
         whole.hair,
         ids=kept,
+        nearest=torch.cdist(whole.strands[:, 0], whole.strands[kept, 0]).argmin(1),
         widths=whole.hair.widths[kept] * 3,
         base_harmonic=whole.hair.base_harmonic[..., rows],
         higher_harmonics=whole.hair.higher_harmonics[..., rows],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args
@@ -13,6 +14,7 @@ from rich.console import Console
 from rich.text import Text
 
 from dynhair.animation import driving_track, write_motion
+from dynhair.animation.sources import names_segment
 from dynhair.avatar import Avatar, PosedAvatar, Recording
 from dynhair.capture import Capture, HeadTrack
 from dynhair.errors import DynhairError
@@ -88,7 +90,8 @@ def run_export(
         path: the avatar's folder, or the run's.
         out: folder for the files. Files of another export there are replaced, folders of sequences as a whole.
         formats: what to write, see :data:`Format`.
-        motion: what drives the avatar, see :func:`dynhair.animation.driving_track`; without it, the avatar is at rest.
+        motion: what drives the avatar, see :func:`dynhair.animation.driving_track`, or the name of a segment of the
+            capture that it was trained on; without it, the avatar is at rest.
         frames: which frames of the motion, as ``START:STOP``, of which either may be left out; all by default. Numbered
             files have the numbers of the motion's frames.
         rigid_hair: keep the hair in its canonical shape.
@@ -105,7 +108,7 @@ def run_export(
     path, out, console = Path(path), Path(out), console or Console()
     _require_formats(formats)
     avatar, recording = Avatar.load(avatar_folder(path), device), recording_of(path)
-    track = rest_track(recording, avatar) if motion is None else driving_track(motion, recording, avatar)
+    track = rest_track(recording, avatar) if motion is None else _track(motion, path, recording, avatar, console)
     chosen = chosen_frames(frames, len(track.rotations))
     mesh = _head_mesh(path, "head" in formats, console) if WITH_HEAD_MESH & set(formats) else None
     strands = strand_motion(avatar, track, chosen, mesh=mesh, rigid_hair=rigid_hair)
@@ -133,6 +136,18 @@ def rest_track(recording: Recording, avatar: Avatar) -> HeadTrack:
         gravity=recording.gravity,
         expression_basis=avatar.expression_basis,
     )
+
+
+def _track(motion: str, path: Path, recording: Recording, avatar: Avatar, console: Console) -> HeadTrack:
+    def note(text: str) -> None:
+        console.print(Text(text, style="dim"), soft_wrap=True)
+
+    capture = None
+    if names_segment(motion):
+        with suppress(DynhairError):  # then it is the name that is wrong
+            capture = trained_capture(path)
+    with StageProgress(console, lines=2).shown() as progress:
+        return driving_track(motion, recording, avatar, capture=capture, progress=progress, note=note)
 
 
 def chosen_frames(text: str | None, count: int) -> range:
