@@ -157,3 +157,19 @@ def test_conditions_are_worked_out_once_a_track(monkeypatch: pytest.MonkeyPatch)
     other = replace(TRACK, gravity=np.array([9.81, 0.0, 0.0]))
     assert (frozen.pose(other, 2).strands - first[2]).abs().max() > 1e-5
     assert torch.equal(frozen.pose(TRACK, 2).strands, first[2])
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_what_is_remembered_serves_in_every_mode(threads: int) -> None:
+    avatar, camera = make_avatar().eval(), front_camera(16)
+    frozen, before = avatar.frozen(), torch.get_num_threads()
+    torch.set_num_threads(threads)
+    try:
+        with torch.inference_mode():
+            first = frozen.draw(frozen.pose(TRACK, 2), [camera]).rgb
+        again = frozen.draw(frozen.pose(TRACK, 2), [camera]).rgb
+        with torch.inference_mode():
+            assert torch.equal(frozen.draw(frozen.pose(TRACK, 2), [camera]).rgb, again)
+    finally:
+        torch.set_num_threads(before)
+    assert torch.equal(first, again)
