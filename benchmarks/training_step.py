@@ -168,7 +168,7 @@ def watch(stopwatch: Stopwatch, objective: JointObjective) -> None:
     stopwatch.watch(avatar.hair, "forward", "strands")
     stopwatch.watch(avatar.hair.deformer, "forward", "deformer")
     stopwatch.watch(avatar.head, "forward", "head")
-    stopwatch.watch(avatar, "render", "features of the Gaussians")
+    stopwatch.watch(avatar, "draw", "features of the Gaussians")
     stopwatch.watch(avatar_module, "drawn_hair", "hair as the cameras see it")
     stopwatch.watch(cpu, "rasterize_cpu", BLEND)
     stopwatch.watch(cpu, "list_splats", PROJECTION)

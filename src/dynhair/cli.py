@@ -165,37 +165,6 @@ def train(
     train_avatar(capture, out, chosen, stages=stages, hair_init=hair_init, resume=resume)
 
 
-def render(
-    avatar: Positional[Path],
-    motion: str,
-    camera: str,
-    capture: Path | None = None,
-    out: Path | None = None,
-    rigid_hair: bool = False,
-) -> None:
-    """Render an avatar driven by a motion of a capture, as a video.
-
-    Args:
-        avatar: The avatar's folder, or the run's.
-        motion: Name of a segment of the capture.
-        camera: Name of a camera of the capture.
-        capture: The capture that has them; for a run's avatar the one it was trained on by default.
-        out: The video; MOTION_CAMERA.mp4 by default.
-        rigid_hair: Keep the hair in its canonical shape.
-    """
-    from dynhair.evaluation import render_motion
-    from dynhair.training import avatar_folder, trained_capture
-
-    render_motion(
-        avatar_folder(avatar),
-        capture or trained_capture(avatar),
-        out or Path(f"{motion}_{camera}.mp4"),
-        motion=motion,
-        camera=camera,
-        rigid_hair=rigid_hair,
-    )
-
-
 def evaluate(avatar: Positional[Path], capture: Positional[Path], out: Path | None = None) -> None:
     """Measure an avatar on a capture's motions, held-out ones first: tables, metrics.json, videos, pictures.
 
@@ -350,7 +319,6 @@ VERBS = {
     "preprocess": preprocess,
     "check": check,
     "train": train,
-    "render": render,
     "animate": animate,
     "edit": edit,
     "export": export,

@@ -58,23 +58,6 @@ def test_an_evaluation_writes_figures_videos_and_a_sheet(tmp_path: Path) -> None
     assert all(f"wrote {tmp_path / 'out' / name}" in printed for name in ("metrics.json", "test_nod.mp4"))
 
 
-@pytest.mark.usefixtures("on_disk")
-def test_a_motion_is_filmed_with_the_chosen_camera(tmp_path: Path) -> None:
-    quiet = Console(file=io.StringIO())
-    options = {"motion": "stop", "camera": "side", "console": quiet}
-    run.render_motion("head.avatar", "capture", tmp_path / "film.mp4", **options)
-    run.render_motion("head.avatar", "capture", tmp_path / "rigid.mp4", rigid_hair=True, **options)
-    assert count_frames(tmp_path / "film.mp4") == count_frames(tmp_path / "rigid.mp4") == 4
-    assert (tmp_path / "film.mp4").read_bytes() != (tmp_path / "rigid.mp4").read_bytes()
-
-
-@pytest.mark.usefixtures("on_disk")
-def test_a_motion_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(DynhairError, match="no segment is called `jump`"):
-        run.render_motion("head.avatar", "capture", tmp_path / "film.mp4", motion="jump", camera="side")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_the_frontal_camera_is_found_in_the_head_frame() -> None:
     assert most_frontal_view(StandInCapture(), SEGMENTS[0], 0) == 1
 

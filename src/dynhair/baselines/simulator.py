@@ -111,6 +111,11 @@ class SimulatedAvatar:
         self._rest = unkinked(torch.cat([rest[:, :1], outside[:, 1:]], 1).double())
         self._tracks: OrderedDict[bytes, Float[Tensor, "f g m 3"]] = OrderedDict()
 
+    @property
+    def background(self) -> Float[Tensor, "3"]:
+        """Colour behind everything."""
+        return self.avatar.background
+
     def pose(self, track: HeadTrack, frame: int, *, rigid_hair: bool = False) -> PosedAvatar:
         """The avatar in one frame of a track.
 

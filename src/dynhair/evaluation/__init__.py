@@ -10,7 +10,7 @@ from dynhair.evaluation.perception import Perception
 from dynhair.evaluation.protocol import DrivenHead, evaluate_avatar
 from dynhair.evaluation.records import EvaluatedFrame, Evaluation, SegmentFigures
 from dynhair.evaluation.report import evaluation_table, hairstyle_table
-from dynhair.evaluation.run import RunEvaluation, render_motion, run_evaluation
+from dynhair.evaluation.run import RunEvaluation, run_evaluation
 from dynhair.evaluation.strand_scores import StrandScore, strand_scores
 
 __all__ = [
@@ -34,7 +34,6 @@ __all__ = [
     "hairstyle_table",
     "motion_explained",
     "psnr",
-    "render_motion",
     "run_evaluation",
     "silhouette",
     "silhouette_iou",

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from jaxtyping import Float
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn, track
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 from torch import Tensor
 
@@ -21,7 +21,6 @@ from dynhair.evaluation.appearance import Appearance
 from dynhair.evaluation.expressions import ExpressionSheet
 from dynhair.evaluation.hairstyle import HairstyleEvaluation, evaluate_hairstyles
 from dynhair.evaluation.held_out import HeldOutViews, held_out_views, same_folder
-from dynhair.evaluation.pictures import picture
 from dynhair.evaluation.protocol import DrivenHead, evaluate_avatar, evaluated_indices
 from dynhair.evaluation.recorder import Recorder, ReenactmentRecorder
 from dynhair.evaluation.records import EvaluatedFrame, Evaluation
@@ -32,7 +31,6 @@ from dynhair.evaluation.series import write_series
 from dynhair.storage import write_json
 from dynhair.threads import large_pieces
 from dynhair.training.run import Run, avatar_folder, read_hair
-from dynhair.video import video_writer
 
 METRICS = "metrics.json"
 SERIES_FILE = "series.npz"
@@ -182,43 +180,3 @@ def _evaluate_motion(
     write_series(series, {part.segment.name: part.series for part in evaluation.segments})
     sheet = expressions.write(out)
     return evaluation, [series, *recorder.written, *([] if sheet is None else [sheet])]
-
-
-@torch.no_grad()
-def render_motion(
-    avatar_path: Path | str,
-    capture_path: Path | str,
-    out: Path | str,
-    *,
-    motion: str,
-    camera: str,
-    rigid_hair: bool = False,
-    device: torch.device | str = "cpu",
-    console: Console | None = None,
-) -> None:
-    """Drive an avatar by a segment of a capture and film it with one of the capture's cameras.
-
-    Args:
-        avatar_path: the avatar's folder.
-        capture_path: the folder of the capture whose head motion and cameras are used.
-        out: the ``.mp4`` to write.
-        motion: name of the segment.
-        camera: name of the camera.
-        rigid_hair: hold the hair in its canonical shape.
-        device: where the avatar is posed and rendered.
-        console: where progress goes; standard output when left out.
-
-    Raises:
-        DynhairError: the avatar or the capture cannot be read, or has no such segment or camera.
-    """
-    console = console or Console()
-    avatar, capture = open_driven_head(avatar_path, device), Capture.open(capture_path)
-    segment = capture.segment(motion)
-    head = capture.track(segment)
-    cameras = [capture.camera(frame, camera).to(device) for frame in segment.frames]
-    with video_writer(out, capture.fps) as append:
-        frames = enumerate(cameras)
-        for index, view in track(frames, f"rendering {motion}", total=len(cameras), console=console, transient=True):
-            images = avatar.draw(avatar.pose(head, index, rigid_hair=rigid_hair), [view])
-            append(picture(images.rgb[0]))
-    console.print(f"wrote {out}", highlight=False, soft_wrap=True)
