@@ -3,7 +3,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test slow lint clean
+BLENDER := $(VENV)/blender/bin/python
+
+.PHONY: demo test slow blender lint clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/dynhair demo
@@ -12,7 +14,15 @@ test: $(VENV)/.dev
 	$(BIN)/python -m pytest
 
 slow: $(VENV)/.dev
-	$(BIN)/python -m pytest -m slow
+	$(if $(wildcard $(BLENDER)),DYNHAIR_BLENDER=$(abspath $(BLENDER))) $(BIN)/python -m pytest -m slow
+
+# What reads exported scenes in the slow tests: Blender's module, which wants another NumPy than ours and Python 3.11.
+blender: $(VENV)/.blender
+
+$(VENV)/.blender: | $(BIN)/python
+	$(PYTHON) -m venv $(VENV)/blender
+	$(BLENDER) -m pip install --quiet bpy==5.0.1
+	@touch $@
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
