@@ -182,3 +182,13 @@ def test_what_a_face_always_does_is_no_expression() -> None:
     np.testing.assert_allclose(hints[20, names.index("mouthSmileLeft")], 0.6)
     np.testing.assert_allclose(np.delete(hints, names.index("mouthSmileLeft"), axis=1), 0, atol=1e-12)
     np.testing.assert_array_equal(neutral_expression(open_head(), hints.astype(np.float32)), 0)
+
+
+def test_components_that_no_network_judges_are_neutral_at_their_median() -> None:
+    model = replace(open_head(), expression_range=(-3.0, 3.0), expression_names=tuple(map(str, range(52))))
+    rng = np.random.default_rng(0)
+    usual = rng.normal(size=52)
+    expressions = np.tile(usual, (50, 1))
+    expressions[:20] += 1.0
+    assert expression_hints(model, np.full((50, 52), 0.3)) is None
+    np.testing.assert_allclose(neutral_expression(model, expressions.astype(np.float32)), usual, atol=1e-6)
