@@ -17,7 +17,7 @@ from dynhair.render.reference import quaternion_matrix
 from dynhair.viewer.settings import Display
 
 if TYPE_CHECKING:
-    from viser import GaussianSplatHandle, LineSegmentsHandle, SceneApi
+    from viser import GaussianSplatHandle, LineSegmentsHandle, SceneApi  # pyright: ignore[reportMissingImports]
 
 MOST_SEGMENTS = 60_000
 """Of lines; of more strands every second, third, ... is shown. One takes 30 bytes on the way, and a quad to draw."""

@@ -10,7 +10,7 @@ from dynhair.viewer.settings import COLOURS, DISPLAYS, LIVE, HairEdits, Settings
 from dynhair.viewer.speed_colours import colour_bar
 
 if TYPE_CHECKING:
-    from viser import ClientHandle, GuiApi, GuiEvent, GuiInputHandle
+    from viser import ClientHandle, GuiApi, GuiEvent, GuiInputHandle  # pyright: ignore[reportMissingImports]
 
 Button = Literal["play", "rest", "snapshot", "splats"]
 

@@ -13,7 +13,7 @@ from dynhair.viewer.resolution import Resolution
 from dynhair.viewer.viewpoint import Viewpoint
 
 if TYPE_CHECKING:
-    from viser import ClientHandle, ViserServer
+    from viser import ClientHandle, ViserServer  # pyright: ignore[reportMissingImports]
 
 SETTLING = 0.25
 """Seconds without a change after which a page gets its picture in full size."""

@@ -19,7 +19,7 @@ from dynhair.training.run import avatar_folder, trained_capture
 from dynhair.viewer.motions import named_clips
 
 if TYPE_CHECKING:
-    from viser import ViserServer
+    from viser import ViserServer  # pyright: ignore[reportMissingImports]
 
 HOST = "127.0.0.1"
 """Other machines see the page through a tunnel of the user's own: nobody else shall."""
@@ -65,7 +65,8 @@ def run_viewer(
     except KeyboardInterrupt:
         console.print("the page is closed")
     finally:
-        server.stop()
+        with contextlib.redirect_stdout(io.StringIO()):
+            server.stop()
 
 
 def open_server(port: int, label: str) -> ViserServer:

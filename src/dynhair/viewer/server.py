@@ -26,7 +26,7 @@ from dynhair.viewer.stage import Stage
 from dynhair.viewer.viewpoint import field_of_view
 
 if TYPE_CHECKING:
-    from viser import ClientHandle, TransformControlsHandle, ViserServer
+    from viser import ClientHandle, TransformControlsHandle, ViserServer  # pyright: ignore[reportMissingImports]
 
 STATUS_EVERY = 0.5  # seconds
 FRAME_EVERY = 0.1  # seconds; between two places of the slider that shows the frame
