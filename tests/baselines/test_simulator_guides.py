@@ -9,9 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from dynhair.baselines.simulator_guides import GuideInterpolation, spread_guides, unkinked
+from dynhair.baselines.simulator_guides import GuideInterpolation, unkinked
 from dynhair.baselines.simulator_motion import RigidMotion
 from dynhair.strands import bending_angles
+from dynhair.strands.spreading import farthest_points
 
 
 def hairstyle(count: int, seed: int = 0) -> torch.Tensor:
@@ -23,7 +24,7 @@ def hairstyle(count: int, seed: int = 0) -> torch.Tensor:
 @given(st.integers(0, 1000), st.integers(1, 15))
 def test_a_strands_displacement_is_a_convex_combination_of_its_nearest_guides(seed: int, nearest: int) -> None:
     strands = hairstyle(30, seed)
-    guides = spread_guides(strands[:, 0], 12)
+    guides = farthest_points(strands[:, 0], 12)
     interpolation = GuideInterpolation(strands, guides, nearest)
     assert interpolation.nearest.shape == (30, min(nearest, 12))
     assert (interpolation.weights >= 0).all()
@@ -41,7 +42,7 @@ def test_a_strands_displacement_is_a_convex_combination_of_its_nearest_guides(se
 
 def test_guides_follow_themselves_alone_by_the_share_of_their_length() -> None:
     strands = hairstyle(30)
-    guides = spread_guides(strands[:, 0], 12)
+    guides = farthest_points(strands[:, 0], 12)
     moved = torch.randn(12, 5, 3, generator=torch.Generator().manual_seed(1))
     followed = (GuideInterpolation(strands, guides)(moved) - strands)[guides].numpy()
     for strand, given_by, displaced in zip(strands[guides].numpy(), moved.numpy(), followed, strict=True):
@@ -52,7 +53,7 @@ def test_guides_follow_themselves_alone_by_the_share_of_their_length() -> None:
 
 def test_guides_at_rest_leave_the_hairstyle_as_it_is() -> None:
     strands = hairstyle(30)
-    guides = spread_guides(strands[:, 0], 12)
+    guides = farthest_points(strands[:, 0], 12)
     assert torch.equal(GuideInterpolation(strands, guides)(torch.zeros(12, 4, 3)), strands)
 
 
@@ -66,15 +67,6 @@ def test_only_kinked_guides_are_smoothed_and_keep_their_ends() -> None:
     assert bending_angles(smooth).max() <= 1.0
     assert torch.equal(smooth[0], straight)
     assert torch.equal(smooth[:, [0, -1]], guides[:, [0, -1]])
-
-
-def test_guides_are_different_and_cover_the_scalp() -> None:
-    roots = hairstyle(200)[:, 0]
-    guides = spread_guides(roots, 20)
-    assert len(guides.unique()) == 20
-    apart = torch.pdist(roots[guides]).min()
-    assert torch.cdist(roots, roots[guides]).amin(1).max() <= apart
-    assert len(spread_guides(roots[:7], 20)) == 7
 
 
 def test_motion_goes_through_its_poses_with_a_steady_velocity() -> None:

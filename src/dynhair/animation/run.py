@@ -22,6 +22,7 @@ from dynhair.capture import HeadTrack
 from dynhair.errors import DynhairError
 from dynhair.evaluation.protocol import DrivenHead
 from dynhair.progress import StageProgress
+from dynhair.threads import large_pieces
 from dynhair.training import avatar_folder, recording_of, trained_capture
 
 
@@ -95,7 +96,7 @@ def run_animation(
         )
         cameras = camera_path(camera, recording, len(track.rotations), size, capture=capture)
         folder = None if video is not None and not png else out.with_suffix("")
-        with ExitStack() as open_outputs:
+        with large_pieces(), ExitStack() as open_outputs:
             outputs: list[FrameOutput] = []
             if folder is not None:
                 fingerprint = _fingerprint(avatar_folder(avatar), track, cameras, rigid_hair)

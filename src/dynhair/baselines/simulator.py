@@ -22,7 +22,7 @@ from dynhair.avatar import Avatar, head_pose
 from dynhair.avatar.avatar import AvatarImages, PosedAvatar
 from dynhair.avatar.model_folder import DESCRIPTION, TENSORS, read_description, read_tensors
 from dynhair.baselines.cables import CableParameters, Cables, Part
-from dynhair.baselines.simulator_guides import GuideInterpolation, spread_guides, unkinked
+from dynhair.baselines.simulator_guides import GuideInterpolation, unkinked
 from dynhair.baselines.simulator_motion import RigidMotion
 from dynhair.baselines.simulator_training import train_simulator
 from dynhair.camera import Camera
@@ -31,6 +31,7 @@ from dynhair.errors import DynhairError
 from dynhair.storage import atomic_folder, write_json
 from dynhair.strands import MeshDistance, resample_strands
 from dynhair.strands.collision import push_out
+from dynhair.strands.spreading import farthest_points
 from dynhair.training.frames import head_frame, rest_frame
 from dynhair.training.surface import tracked_surface
 
@@ -102,9 +103,9 @@ class SimulatedAvatar:
         self.avatar, self.surface, self.parameters = avatar, surface, parameters or CableParameters()
         self.guides = guides
         strands = avatar.canonical_strands.detach()
-        chosen = spread_guides(strands[:, 0].cpu(), guides)
-        self._interpolation = GuideInterpolation(strands, chosen.to(strands.device))
-        rest = resample_strands(strands[chosen.to(strands.device)], GUIDE_POINTS).cpu().float()
+        chosen = farthest_points(strands[:, 0], guides)
+        self._interpolation = GuideInterpolation(strands, chosen)
+        rest = resample_strands(strands[chosen], GUIDE_POINTS).cpu().float()
         # Where the avatar's strands dip into the skin, a cable would be caught inside.
         obstacle = MeshDistance(surface.vertices, surface.faces)
         outside = push_out(rest.flatten(0, 1), obstacle, self.parameters.contact_radius).view_as(rest)

@@ -18,21 +18,6 @@ SMOOTHINGS = 100  # more than a guide of a few dozen points needs to be straight
 LEAST_DISTANCE = 1e-9  # metres; roots that are closer than that are one
 
 
-def spread_guides(roots: Float[Tensor, "n 3"], count: int) -> Int[Tensor, " g"]:
-    """Choose guides all over the scalp: each one is the root farthest from those before it.
-
-    Args:
-        roots: of all strands, metres.
-        count: how many; all if there are fewer.
-    """
-    chosen = [int((roots - roots.mean(0)).norm(dim=1).argmax())]
-    distance = (roots - roots[chosen[0]]).norm(dim=1)
-    for _ in range(min(count, len(roots)) - 1):
-        chosen.append(int(distance.argmax()))
-        distance = torch.minimum(distance, (roots - roots[chosen[-1]]).norm(dim=1))
-    return torch.tensor(chosen)
-
-
 def unkinked(guides: Float[Tensor, "g m 3"]) -> Float[Tensor, "g m 3"]:
     """Guides without sharp bends: those that have any are smoothed until they have none, roots and tips kept.
 
