@@ -308,7 +308,15 @@ PRESETS: Mapping[str, Config] = {
         static=StaticConfig(encoder_iterations=20, style_generations=8, iterations=250),
         mesh=MeshHeadConfig(resolution=32, iterations=150),
         head=HeadConfig(gaussians=8000, mouth_gaussians=300, features=16, deformation_width=48, appearance_width=16),
-        training=TrainingConfig(iterations=1200, checkpoint_every=300, preview_every=300),
+        training=TrainingConfig(
+            iterations=1200,
+            checkpoint_every=300,
+            preview_every=300,
+            weights=LossWeights(penetration=1000.0),
+            # so short a static stage leaves strands astray: at the other presets' rate, hair IoU on the demo's training
+            # motions is 0.83 in the place of 0.88
+            rates=LearningRates(strands=5e-4),
+        ),
     ),
     "small": Config(
         hair=HairConfig(deformer=DeformerConfig("modal", HISTORIES["modal"], position_frequencies=3)),
