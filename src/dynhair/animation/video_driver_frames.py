@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,10 +11,10 @@ import numpy as np
 from jaxtyping import UInt8
 
 from dynhair.errors import DynhairError
+from dynhair.preprocess.sources.video import opened_video, upright_pixels
 
 if TYPE_CHECKING:
     import av
-    from av.container import InputContainer
     from av.video.stream import VideoStream
 
 _COPY_AGAIN = "copy it again, or convert it with ffmpeg"
@@ -40,7 +39,7 @@ def frame_count(path: Path) -> int:
     Raises:
         DynhairError: it is no video.
     """
-    with _opened(path) as (container, stream):
+    with opened_video(path) as (container, stream):
         seconds = (container.duration or 0) * 1e-6
         return stream.frames or round(seconds * float(stream.average_rate or 0))
 
@@ -60,13 +59,14 @@ def timed_frames(path: Path, note: Callable[[str], None]) -> Iterator[TimedFrame
     from av.error import FFmpegError
 
     latest: float | None = None
-    with _opened(path) as (container, stream):
+    with opened_video(path) as (container, stream):
+        stream.thread_type = "AUTO"
         try:
             for index, frame in enumerate(container.decode(stream)):
                 time = _time(frame, index, stream)
                 if not frame.is_corrupt and (latest is None or time > latest):
                     latest = time
-                    yield TimedFrame(time, _upright(frame))
+                    yield TimedFrame(time, upright_pixels(frame))
         except FFmpegError as error:
             if latest is None:
                 raise
@@ -75,33 +75,7 @@ def timed_frames(path: Path, note: Callable[[str], None]) -> Iterator[TimedFrame
         raise DynhairError("has no frames", path=path, expected="a video", mend=_COPY_AGAIN)
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
-    import av
-    from av.error import FFmpegError
-
-    if not path.is_file():
-        raise DynhairError("the video is missing", path=path)
-    try:
-        with av.open(str(path)) as container:
-            if not container.streams.video:
-                raise DynhairError("has no video stream", path=path, expected="a video")
-            stream = container.streams.video[0]
-            stream.thread_type = "AUTO"
-            yield container, stream
-    except FFmpegError as error:
-        raise DynhairError(
-            f"cannot be decoded ({error.strerror})", path=path, expected="a video", mend=_COPY_AGAIN
-        ) from None
-
-
 def _time(frame: av.VideoFrame, index: int, stream: VideoStream) -> float:
     if frame.time is not None:
         return float(frame.time)
     return index / float(stream.average_rate or 25)  # raw streams have no times
-
-
-def _upright(frame: av.VideoFrame) -> UInt8[np.ndarray, "h w 3"]:
-    pixels = frame.to_ndarray(format="rgb24")
-    turns = round(frame.rotation / 90) % 4  # telephones store portraits lying down
-    return np.ascontiguousarray(np.rot90(pixels, turns)) if turns else pixels

@@ -51,13 +51,13 @@ class VideoFrames(Frames):
 
     @cached_property
     def _header(self) -> tuple[int, tuple[int, int], float]:
-        with _opened(self.path) as (container, stream):
+        with opened_video(self.path) as (container, stream):
             rate = stream.average_rate or stream.guessed_rate
             if not rate:
                 raise DynhairError("does not say its frame rate", path=self.path, mend="give fps, or convert it")
             count = stream.frames or sum(packet.size > 0 for packet in container.demux(stream))
             container.seek(0)
-            height, width = _pixels(next(container.decode(stream))).shape[:2]
+            height, width = upright_pixels(next(container.decode(stream))).shape[:2]
             return count, (width, height), float(rate)
 
     def read(
@@ -76,7 +76,7 @@ class VideoFrames(Frames):
             return
         times: list[int] = []
         index = -1
-        with _opened(self.path) as (container, stream):
+        with opened_video(self.path) as (container, stream):
             stream.codec_context.thread_count = _CODEC_THREADS
             for index, frame in enumerate(container.decode(stream)):
                 if frame.pts is not None:
@@ -84,7 +84,7 @@ class VideoFrames(Frames):
                 if index == next_wanted:
                     if frame.is_corrupt:
                         note(f"{self.path}: frame {index} is damaged")
-                    yield index, _pixels(frame)
+                    yield index, upright_pixels(frame)
                     next_wanted = next(wanted, None)
                     if next_wanted is None:
                         self._note_uneven(np.diff(times), note)
@@ -106,8 +106,12 @@ class VideoFrames(Frames):
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
-    """Open a video; what fails inside the block for its damage is a DynhairError."""
+def opened_video(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
+    """Open a video; what fails inside the block for its damage is a DynhairError.
+
+    Raises:
+        DynhairError: the file is missing, has no video stream, or cannot be decoded.
+    """
     import av
     from av.error import FFmpegError
 
@@ -125,7 +129,8 @@ def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
         ) from None
 
 
-def _pixels(frame: av.VideoFrame) -> UInt8[np.ndarray, "h w 3"]:
+def upright_pixels(frame: av.VideoFrame) -> UInt8[np.ndarray, "h w 3"]:
+    """A frame's sRGB, turned as the file says."""
     pixels = frame.to_ndarray(format="rgb24")
     turns = round(frame.rotation / 90) % 4  # phones store portraits lying down
     return np.ascontiguousarray(np.rot90(pixels, turns)) if turns else pixels
