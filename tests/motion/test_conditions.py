@@ -9,7 +9,7 @@ import torch
 
 from dynhair.config import DeformerConfig
 from dynhair.errors import DynhairError
-from dynhair.motion import MotionSignals, SignalNormalizer, motion_window, motion_windows, signal_names
+from dynhair.motion import MotionSignals, SignalNormalizer, motion_window, signal_names
 
 
 def signals(count: int = 20, seed: int = 0, scale: float = 3.0) -> MotionSignals:
@@ -113,7 +113,7 @@ def test_windows_end_at_their_frame_and_repeat_the_first() -> None:
     assert motion_window(conditions, 4, 2)[:, 0].tolist() == [2, 3, 4]
     assert motion_window(conditions, 1, 3)[:, 0].tolist() == [0, 0, 0, 1]
     assert motion_window(conditions, 3, 0)[:, 0].tolist() == [3]
-    assert motion_windows(conditions, [0, 4], 2)[..., 0].tolist() == [[0, 0, 0], [2, 3, 4]]
+    assert motion_window(conditions, 0, 2)[:, 0].tolist() == [0, 0, 0]
 
 
 @pytest.mark.parametrize("frame", [-1, 5])

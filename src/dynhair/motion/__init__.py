@@ -4,7 +4,7 @@ from dynhair.motion.normalization import SignalNormalizer, signal_names
 from dynhair.motion.rest_alignment import RestAlignment
 from dynhair.motion.rotations import so3_exp, so3_log
 from dynhair.motion.signals import MotionSignals, motion_signals
-from dynhair.motion.windows import motion_window, motion_windows
+from dynhair.motion.windows import motion_window
 
 __all__ = [
     "MotionSignals",
@@ -12,7 +12,6 @@ __all__ = [
     "SignalNormalizer",
     "motion_signals",
     "motion_window",
-    "motion_windows",
     "signal_names",
     "so3_exp",
     "so3_log",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -22,15 +20,7 @@ def motion_window(conditions: Float[Tensor, "f c"], frame: int, history: int) ->
     Raises:
         IndexError: the frame is not in the segment.
     """
-    return motion_windows(conditions, [frame], history)[0]
-
-
-def motion_windows(conditions: Float[Tensor, "f c"], frames: Sequence[int], history: int) -> Float[Tensor, "b t c"]:
-    """:func:`motion_window` of several frames."""
     count = len(conditions)
-    for frame in frames:
-        if not 0 <= frame < count:
-            raise IndexError(f"frame {frame} of a segment of {count} frames")
-    last = torch.as_tensor(frames, dtype=torch.long, device=conditions.device)
-    offsets = torch.arange(-history, 1, device=conditions.device)
-    return conditions[(last[:, None] + offsets).clamp_min(0)]
+    if not 0 <= frame < count:
+        raise IndexError(f"frame {frame} of a segment of {count} frames")
+    return conditions[torch.arange(frame - history, frame + 1, device=conditions.device).clamp_min(0)]
