@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 
 from dynhair.errors import DynhairError
 from dynhair.export.compressed import CHUNK, write_compressed_splats
-from dynhair.export.splats import Splats, read_splats, write_splats
+from dynhair.export.splats import Splats, write_splats
 
 
 def random_splats(count: int) -> Splats:
@@ -81,7 +81,7 @@ def test_gsply_reads_plain_splats_as_they_are(tmp_path: Path) -> None:
     found = read(tmp_path / "posed.ply")
     torch.testing.assert_close(found.means, splats.means)
     torch.testing.assert_close(found.harmonics, splats.harmonics)
-    torch.testing.assert_close(found.quats, read_splats(tmp_path / "posed.ply").quats)
+    torch.testing.assert_close(found.quats, splats.half_turned().half_turned().quats)
 
 
 def test_it_is_a_quarter_of_the_size(tmp_path: Path) -> None:

@@ -14,8 +14,9 @@ from dynhair.animation import driving_track, read_motion
 from dynhair.avatar import Avatar
 from dynhair.errors import DynhairError
 from dynhair.export.run import chosen_frames, run_export
-from dynhair.export.splats import Splats, read_splats
+from dynhair.export.splats import Splats
 from dynhair.strands.files import read_strands
+from splat_files import read_splats
 from tiny_avatars import make_avatar
 
 

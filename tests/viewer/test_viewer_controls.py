@@ -15,7 +15,7 @@ from dynhair.animation.procedural import MOTIONS
 from dynhair.avatar import ExpressionModes
 from dynhair.capture import Capture, ExpressionBasis
 from dynhair.errors import DynhairError
-from dynhair.export.splats import Splats, read_splats
+from dynhair.export.splats import Splats
 from dynhair.render import Gaussians
 from dynhair.viewer.browser_scene import MOST_SEGMENTS, browser_splats, scaled_moments, strand_lines
 from dynhair.viewer.drawing import cut_out, picture
@@ -24,6 +24,7 @@ from dynhair.viewer.motions import named_clips
 from dynhair.viewer.saving import snapshot, splat_file
 from dynhair.viewer.speed_colours import FASTEST, colour_bar, coloured_by_speed
 from dynhair.viewer.viewpoint import Viewpoint
+from splat_files import read_splats
 from synthetic import write_synthetic_capture
 from tiny_avatars import front_camera, head_track, make_avatar
 

@@ -16,9 +16,9 @@ import pytest
 from PIL import Image
 
 from dynhair.errors import DynhairError
-from dynhair.export.splats import read_splats
 from dynhair.viewer.motions import named_clips
 from dynhair.viewer.run import open_server, run_viewer
+from splat_files import read_splats
 from tiny_avatars import make_avatar
 
 if TYPE_CHECKING:

@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -27,7 +26,6 @@ from dynhair.errors import DynhairError
 from dynhair.render import Gaussians
 from dynhair.storage import atomic_file
 from dynhair.strands import root_taper, strand_gaussians
-from dynhair.strands.files.bounded import Cursor, read_bytes
 
 LARGEST_OPACITY = 1 - 1e-5
 """Of what is opaque, for files hold logits; viewers draw nothing above 0.99 or 0.999."""
@@ -157,25 +155,3 @@ def splat_table(splats: Splats) -> Float[Tensor, "n 62"]:
         there.quats,
     ]
     return torch.cat(columns, 1).detach().cpu().float()
-
-
-def read_splats(path: Path | str) -> Splats:
-    """Read a ``.ply`` file that :func:`write_splats` wrote.
-
-    Raises:
-        DynhairError: it cannot be read, or is another kind of file.
-    """
-    path = Path(path)
-    content = read_bytes(path, "a .ply file of splats")
-    header, mark, body = content.partition(b"end_header\n")
-    lines = header.decode("ascii", errors="replace").splitlines()
-    names = tuple(line.split()[-1] for line in lines if line.startswith("property float "))
-    counts = [line.split()[-1] for line in lines if line.startswith("element vertex ")]
-    if not mark or names != COLUMNS or len(counts) != 1 or not counts[0].isdigit():
-        raise DynhairError("its header is another", path=path, expected="a .ply file of splats as dynhair writes it")
-    cursor = Cursor(body, path)
-    table = torch.from_numpy(np.array(cursor.take("<f4", int(counts[0]), len(COLUMNS)), np.float32))
-    cursor.end()
-    means, _, base, higher, logits, log_scales, quats = table.split([3, 3, 3, 45, 1, 3, 4], 1)
-    harmonics = torch.cat([base[:, None], higher.unflatten(1, (3, -1)).transpose(1, 2)], 1)
-    return Splats(means, quats, log_scales.exp(), logits[:, 0].sigmoid(), harmonics).half_turned()
