@@ -33,8 +33,8 @@ from dynhair.config import DeformerConfig, HeadConfig
 from dynhair.editing import CanonicalHair, Edit, EditedHair, HairLook, edits_from_json
 from dynhair.errors import DynhairError
 from dynhair.motion import SignalNormalizer, motion_signals, motion_window
-from dynhair.render import Gaussians, rasterize
-from dynhair.strands import decode_orientation
+from dynhair.render import rasterize
+from dynhair.strands import decode_orientation, strands_and_body
 
 KIND = "dynhair avatar"
 SCHEMA_VERSION = 2
@@ -266,13 +266,7 @@ class Avatar(nn.Module):
         extra = self.head.config.colour_channels - 3
         hair_features = nn.functional.pad(hair.features, (0, extra)) if extra else hair.features
         head_features = self._head_features(head, hair.features[..., COLOURS], look)
-        gaussians = Gaussians(
-            means=torch.cat([hair.means, head.means]),
-            quats=torch.cat([hair.quats, head.quats]),
-            scales=torch.cat([hair.scales, head.scales]),
-            opacities=torch.cat([hair.means.new_ones(len(hair.means)), head.opacities]),
-            features=torch.cat([hair_features, head_features], 1),
-        )
+        gaussians = strands_and_body(hair, head, torch.cat([hair_features, head_features], 1))
         images = rasterize(gaussians, drawn)
         background = nn.functional.pad(self.background, (0, extra))
         seen, hair_seen, body, direction = layers(images.features, images.alpha, background)

@@ -25,7 +25,7 @@ from dynhair.camera import Camera
 from dynhair.errors import DynhairError
 from dynhair.render import Gaussians
 from dynhair.storage import atomic_file
-from dynhair.strands import root_taper, strand_gaussians
+from dynhair.strands import root_taper, strand_gaussians, strands_and_body
 
 LARGEST_OPACITY = 1 - 1e-5
 """Of what is opaque, for files hold logits; viewers draw nothing above 0.99 or 0.999."""
@@ -80,12 +80,13 @@ class Splats:
         # a mean of colours is the mean of their coefficients, which the layer takes as so many views
         rows, cover, of_scalp = avatar.scalp(of_hair, look)
         of_head[:, rows] = torch.lerp(of_head[:, rows], of_scalp, cover[:, None])
+        both = strands_and_body(hair, head, torch.cat([of_hair, of_head], 1))
         return cls(
-            means=torch.cat([hair.means, head.means]),
-            quats=torch.nn.functional.normalize(torch.cat([hair.quats, head.quats]), dim=-1),
-            scales=torch.cat([hair.scales, head.scales]),
-            opacities=torch.cat([hair.means.new_ones(len(hair.means)), head.opacities]),
-            harmonics=torch.cat([of_hair, of_head], 1).transpose(0, 1),
+            means=both.means,
+            quats=torch.nn.functional.normalize(both.quats, dim=-1),
+            scales=both.scales,
+            opacities=both.opacities,
+            harmonics=both.features.transpose(0, 1),
         ).drawn()
 
     def drawn(self) -> Splats:

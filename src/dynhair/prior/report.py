@@ -24,7 +24,7 @@ from dynhair.prior.hair_prior import HairPrior
 from dynhair.prior.training import Target, decoded
 from dynhair.render import Gaussians, rasterize
 from dynhair.storage import atomic_file, write_json
-from dynhair.strands import strand_gaussians
+from dynhair.strands import strand_gaussians, strands_and_body
 from dynhair.strands.scalp import smooth_surface
 from dynhair.strands.scalp_map import texture_roots
 from dynhair.training.static_scene import surface_gaussians
@@ -147,13 +147,8 @@ def _pictures(strands: Float[Tensor, "n p 3"], body: Gaussians, style: StyleView
     """Hair coloured by its direction in space, before a grey head."""
     hair = strand_gaussians(strands, _PICTURED_WIDTH)
     light = 0.35 + 0.65 * functional.normalize(body.means - style.frame.centre, dim=1)[:, 1:2].clamp_min(0)
-    scene = Gaussians(
-        means=torch.cat([hair.means, body.means]),
-        quats=torch.cat([hair.quats, body.quats]),
-        scales=torch.cat([hair.scales, body.scales]),
-        opacities=torch.cat([torch.ones(len(hair.means)), body.opacities]),
-        features=torch.cat([0.15 + 0.85 * hair.directions.abs(), 0.5 * light.expand(-1, 3)]),
-    )
+    colours = torch.cat([0.15 + 0.85 * hair.directions.abs(), 0.5 * light.expand(-1, 3)])
+    scene = strands_and_body(hair, body, colours)
     ring = range(FRONT_VIEWS, FRONT_VIEWS + RING_VIEWS)
     turns = [style.cameras[index].centre - style.frame.centre for index in ring]
     azimuths = torch.tensor([float(torch.atan2(turn[0], turn[2])) for turn in turns])

@@ -1,7 +1,7 @@
 """Hair strands: polylines ``(N, L, 3)`` in metres, root first, and the scalp they grow on."""
 
 from dynhair.strands.collision import MeshDistance, Obstacle, push_out
-from dynhair.strands.gaussians import StrandGaussians, root_taper, strand_gaussians
+from dynhair.strands.gaussians import StrandGaussians, root_taper, strand_gaussians, strands_and_body
 from dynhair.strands.geometry import (
     bending_angles,
     cut_strands,
@@ -37,6 +37,7 @@ __all__ = [
     "smooth_surface",
     "strand_gaussians",
     "strand_lengths",
+    "strands_and_body",
     "texel_uv",
     "texture_roots",
     "upsample",

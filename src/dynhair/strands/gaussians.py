@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
+
+from dynhair.render import Gaussians
 
 NEGLIGIBLE_LENGTH = 1e-6
 """Metres. Segment lengths are softened by this much, so that one without length still has finite gradients."""
@@ -78,4 +81,41 @@ def strand_gaussians(
         quats=torch.stack([half_cosine, torch.zeros_like(x), -half_sine * z, half_sine * y], dim=-1).flatten(0, 1),
         scales=torch.stack([length / 2, across, across], dim=-1).flatten(0, 1),
         directions=torch.stack([x, y, z], dim=-1).flatten(0, 1),
+    )
+
+
+@runtime_checkable
+class _Placed(Protocol):
+    @property
+    def means(self) -> Tensor: ...
+
+    @property
+    def quats(self) -> Tensor: ...
+
+    @property
+    def scales(self) -> Tensor: ...
+
+
+@runtime_checkable
+class _Body(_Placed, Protocol):
+    @property
+    def opacities(self) -> Tensor: ...
+
+
+def strands_and_body(
+    strands: _Placed, body: _Body, features: Float[Tensor, "n c"] | Float[Tensor, "v n c"]
+) -> Gaussians:
+    """Strands, opaque, and the body that they grow on, to be drawn in one pass.
+
+    Args:
+        strands: their Gaussians.
+        body: its Gaussians.
+        features: of the strands' Gaussians and then of the body's, see :class:`~dynhair.render.Gaussians`.
+    """
+    return Gaussians(
+        means=torch.cat([strands.means, body.means]),
+        quats=torch.cat([strands.quats, body.quats]),
+        scales=torch.cat([strands.scales, body.scales]),
+        opacities=torch.cat([strands.means.new_ones(len(strands.means)), body.opacities]),
+        features=features,
     )

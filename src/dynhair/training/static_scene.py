@@ -14,7 +14,7 @@ from torch.nn import functional
 
 from dynhair.camera import Camera
 from dynhair.render import Gaussians, rasterize
-from dynhair.strands import projected_orientation, strand_gaussians
+from dynhair.strands import projected_orientation, strand_gaussians, strands_and_body
 
 _LONGEST_EDGE = 0.02
 _SPREAD = 2.0
@@ -133,13 +133,7 @@ def _scene(
         direction = projected_orientation(hair.means, hair.directions, camera)
         channels = torch.cat([torch.cat([torch.ones_like(direction[:, :1]), direction], 1), body.features])
         features.append(channels if colours is None else torch.cat([channels, colours], 1))
-    return Gaussians(
-        means=torch.cat([hair.means, body.means]),
-        quats=torch.cat([hair.quats, body.quats]),
-        scales=torch.cat([hair.scales, body.scales]),
-        opacities=torch.cat([torch.ones_like(hair.means[:, 0]), body.opacities]),
-        features=torch.stack(features),
-    )
+    return strands_and_body(hair, body, torch.stack(features))
 
 
 def _quartered(corners: Tensor) -> Tensor:

@@ -14,6 +14,7 @@ from dynhair.avatar.drawn_hair import COLOURS, drawn_hair
 from dynhair.camera import Camera
 from dynhair.render import Gaussians
 from dynhair.render.reference import quaternion_matrix
+from dynhair.strands import strands_and_body
 from dynhair.viewer.settings import Display
 
 if TYPE_CHECKING:
@@ -96,13 +97,7 @@ def browser_splats(avatar: Avatar, posed: PosedAvatar, eye: Camera) -> Gaussians
     rows, cover, of_scalp = avatar.scalp(colours, look)
     of_head = head.colours[:, :3].clone()
     of_head[rows] = torch.lerp(of_head[rows], of_scalp[0], cover[:, None])
-    return Gaussians(
-        means=torch.cat([hair.means, head.means]),
-        quats=torch.cat([hair.quats, head.quats]),
-        scales=torch.cat([hair.scales, head.scales]),
-        opacities=torch.cat([hair.means.new_ones(len(hair.means)), head.opacities]),
-        features=torch.cat([colours[0], of_head]).clamp_min(0),
-    )
+    return strands_and_body(hair, head, torch.cat([colours[0], of_head]).clamp_min(0))
 
 
 def scaled_moments(drawn: Gaussians) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, "n 3 3"]]:
