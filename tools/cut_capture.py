@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from tools.decimation import decimate
 from tyro.conf import Positional
 
-from dynhair.capture import Capture, CaptureWriter, ImageCoding, Manifest, Segment, TrackedMesh, View
+from dynhair.capture import Capture, CaptureWriter, ExpressionBasis, ImageCoding, Manifest, Segment, TrackedMesh, View
 from dynhair.capture.arrays import read_npz
 from dynhair.errors import DynhairError
 
@@ -31,6 +31,8 @@ def cut_capture(
     frames: int = 44,
     views: tuple[str, ...] = ("00", "02", "03"),
     static_views: int = 12,
+    face_model: str = "Anny, four expressions",
+    expressions: tuple[str, ...] = ("jaw_open", "smile", "blink", "brow_up"),
     mesh_vertices: int = 1250,
     gt_strands: int = 48,
     gt_points: int = 16,
@@ -49,6 +51,8 @@ def cut_capture(
         frames: The first so many frames of each.
         views: Names of the cameras to keep.
         static_views: How many of the static views to keep, evenly spaced.
+        face_model: Whose expressions the coefficients are, for a source that does not tell.
+        expressions: Names of its first coefficients; the rest have none.
         mesh_vertices: How many vertices of the tracked mesh to keep; the scalp and the landmarks stay as they are.
         gt_strands: How many true strands to keep.
         gt_points: Points to resample them to.
@@ -75,7 +79,7 @@ def cut_capture(
         gravity=capture.manifest.gravity,
         background=capture.manifest.background,
         static_frame=old_ids.index(capture.static_frame) if static_names else None,
-        expression_basis=capture.expression_basis,
+        expression_basis=capture.expression_basis or _named_basis(capture, face_model, expressions),
         notes=notes,
     )
     coding = ImageCoding("jpg", jpeg_quality, mask_levels, angle_step, coherence_levels)
@@ -91,6 +95,17 @@ def cut_capture(
         for name in static_names:
             view = _with_sure_orientation(capture.static_view(name), min_coverage)
             writer.write_static_view(name, capture.static_camera(name), view)
+
+
+def _named_basis(capture: Capture, face_model: str, expressions: tuple[str, ...]) -> ExpressionBasis:
+    count = capture.track(replace(capture.segments[0], count=1)).expressions.shape[1]
+    if len(expressions) > count:
+        raise DynhairError(
+            f"the frames hold {count} expression coefficients",
+            path=capture.path,
+            expected=f"{len(expressions)} or more, as `--expressions` names",
+        )
+    return ExpressionBasis(face_model, (*expressions, *[""] * (count - len(expressions))))
 
 
 def _renumbered(segments: list[Segment]) -> tuple[Segment, ...]:

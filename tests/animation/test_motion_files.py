@@ -35,9 +35,9 @@ def parts(draw: st.DrawFn) -> dict[str, Any]:
     coefficients = draw(arrays.arrays(np.float32, (frames + 1, count), elements=st.floats(-1, 1, width=32)))
     translations = draw(arrays.arrays(np.float64, (frames + 1, 3), elements=_finite))
     words = st.text("abcXYZ_ é,;\"'#", min_size=1, max_size=6).map(str.strip).filter(bool)
-    names = draw(st.lists(words, min_size=count, max_size=count, unique=True))
+    names = draw(st.lists(words | st.just(""), min_size=count, max_size=count, unique_by=lambda name: name or object()))
     taken = {"time", "qw", "qx", "qy", "qz", "tx", "ty", "tz"}
-    named = bool(count) and not taken & set(names)
+    named = any(names) and not taken & set(names)
     return {
         "times": np.cumsum(steps) - 5,
         "vectors": vectors,
@@ -153,6 +153,7 @@ def test_a_table_as_spreadsheets_and_trackers_write_it(tmp_path: Path) -> None:
         ({"translation": [[0.0, 0, 0], [350.0, 0, 0]]}, "travels 350 m"),
         ({"expression": [[1.0], [0.0]], "rest_expression": [0.0, 0.0]}, "2 coefficients"),
         ({"expression": [[1.0], [0.0]], "expression_names": ["a", "b"]}, "2 names"),
+        ({"expression": [[1.0, 0, 0]] * 2, "expression_names": ["", "a", "a"]}, "two of `expression_names` are 'a'"),
         ({"gravity": [0.0, -9.81]}, "`gravity` has the shape"),
         ({"expression_basis": 3.0}, "expected: text"),
     ],

@@ -138,7 +138,27 @@ def test_namesakes_are_carried_over_however_they_are_spelt() -> None:
     motion = expressive(other, [0.9, 0.1, 0.2, 0.3], [0.9, 0.0, 0.0, 0.0], rest=[0.0, 0.0, 0.0, 0.0])
     found, said = carried_expressions(motion, NEUTRAL, BASIS)
     np.testing.assert_allclose(found, [NEUTRAL + np.array([0.2, 0.1, 0.3], np.float32), NEUTRAL])
-    assert said == "3 of the driver's 4 expressions are carried over by name"
+    assert said == "3 of the driver's 4 expressions are carried over by name, to 3 of the avatar's 3"
+
+
+def test_coefficients_without_names_count_for_nothing() -> None:
+    """As in the bundled capture, whose first few alone move the face."""
+    sample = ExpressionBasis("four", ("jaw_open", "smile", "", "", "", "", ""))
+    other = ExpressionBasis("ARKit", ("mouthSmileLeft", "mouthSmileRight", "jawOpen", "cheekPuff", ""))
+    neutral = np.linspace(0.0, 0.6, 7, dtype=np.float32)
+    motion = expressive(other, [0.2, 0.4, 0.5, 0.9, 0.9], [0.0, 0.0, 0.1, 0.0, 0.0], rest=[0.0, 0.0, 0.1, 0.0, 0.0])
+    found, said = carried_expressions(motion, neutral, sample)
+    np.testing.assert_allclose(found - neutral, [[0.4, 0.3, 0, 0, 0, 0, 0], [0.0] * 7], atol=1e-6)
+    assert said == "3 of the driver's 5 expressions are carried over by name, to 2 of the avatar's 7"
+
+
+def test_a_driver_of_few_expressions_needs_only_those() -> None:
+    few = ExpressionBasis("four", ("jaw_open", "smile", "", ""))
+    many = ExpressionBasis("ARKit", ("a", "b", "c", "jawOpen", "d", "e", "mouthSmile_L", "mouthSmile_R"))
+    neutral = np.zeros(8, np.float32)
+    found, said = carried_expressions(expressive(few, [0.5, 0.25, 1, 1], [0.0] * 4, rest=[0.0] * 4), neutral, many)
+    np.testing.assert_allclose(found[0], [0, 0, 0, 0.5, 0, 0, 0.25, 0.25])
+    assert said == "2 of the driver's 4 expressions are carried over by name, to 3 of the avatar's 8"
 
 
 @pytest.mark.parametrize(

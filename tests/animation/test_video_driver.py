@@ -20,7 +20,7 @@ from dynhair.capture import ExpressionBasis, HeadTrack
 from dynhair.errors import DynhairError
 
 BLINDED = range(20, 24)
-ARKIT = ExpressionBasis("another", ("smile", "jawOpen", "eyeBlinkLeft"))
+ARKIT = ExpressionBasis("another", ("cheer", "jawOpen", "eyeBlinkLeft"))
 
 
 def avatar_of(basis: ExpressionBasis | None) -> Any:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from tests.synthetic import write_synthetic_capture
 from tools.cut_capture import cut_capture
 from tools.decimation import decimate
 
-from dynhair.capture import Capture, Segment
+from dynhair.capture import Capture, ExpressionBasis, Segment
 from dynhair.capture.check import check_capture
 from dynhair.errors import DynhairError
 
@@ -80,10 +81,9 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_synthetic_capture(path, frames=4, views=3, size=40, motions=motions, static_views=4)
 
 
-def cut(source: Path, out: Path, motions: tuple[str, ...] = ("turn", "nod")) -> Capture:
-    cut_capture(
-        source, out, motions=motions, frames=3, views=("00", "02"), static_views=2, mesh_vertices=200, gt_strands=5
-    )
+def cut(source: Path, out: Path, motions: tuple[str, ...] = ("turn", "nod"), **options: Any) -> Capture:
+    sizes = {"frames": 3, "static_views": 2, "mesh_vertices": 200, "gt_strands": 5}
+    cut_capture(source, out, motions=motions, views=("00", "02"), **sizes, **options)
     return Capture.open(out)
 
 
@@ -111,6 +111,15 @@ def test_a_cut_is_a_sound_capture_of_the_same_scene(source: Path, tmp_path: Path
     assert strands is not None
     assert strands.strands.shape == (3, 5, 16, 3)
     np.testing.assert_allclose(strands.strands[:, :, [0, -1]], truth.strands[:3, :5, [0, -1]], atol=5e-4)
+
+
+def test_expressions_have_the_names_that_are_given_or_those_of_the_source(source: Path, tmp_path: Path) -> None:
+    named = cut(source, tmp_path / "named", face_model="faces", expressions=("jaw", "smile"))
+    assert named.expression_basis == ExpressionBasis("faces", ("jaw", "smile", "", ""))
+    again = cut(named.path, tmp_path / "again")
+    assert again.expression_basis == named.expression_basis
+    with pytest.raises(DynhairError, match="4 expression coefficients"):
+        cut(source, tmp_path / "part", expressions=("a", "b", "c", "d", "e"))
 
 
 def test_static_views_need_their_frame(source: Path, tmp_path: Path) -> None:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Bool, Float32
 
+from dynhair.animation.expression_names import name_weights
 from dynhair.animation.timed_motion import TimedMotion
 from dynhair.capture import ExpressionBasis
 
 LEAST_SHARED = 0.5
-"""Part of the avatar's expressions that must have a namesake; fewer make grimaces."""
+"""Part of the avatar's named expressions, or of the driver's, that must have a namesake; fewer make grimaces."""
 
 
 def carried_expressions(
@@ -19,8 +18,8 @@ def carried_expressions(
 ) -> tuple[Float32[np.ndarray, "f e"], str | None]:
     """A motion's expressions as an avatar makes them: what differs from the driver's neutral face is added to its own.
 
-    Coefficients of one face model are taken over; those of another by name, where both have names that agree, as those
-    of ARKit's 52 blend shapes do. Otherwise the avatar keeps its neutral expression.
+    Coefficients of one face model are taken over; those of another by what their names mean (see `name_weights`), where
+    enough have one. Otherwise the avatar keeps its neutral expression.
 
     Args:
         motion: the driver's.
@@ -35,27 +34,20 @@ def carried_expressions(
     changes = motion.expressions - motion.rest.expression
     if not np.any(changes):
         return still, None
-    one_model = basis is None or other is None or basis.matches(other)
-    if one_model and found == len(neutral):
-        return neutral + changes, None
-    shared = _namesakes(other.names, basis.names) if other is not None and basis is not None else []
-    if basis is not None and len(shared) >= LEAST_SHARED * max(1, len(basis.names)):
-        sources, targets = zip(*shared, strict=True)
-        still[:, targets] += changes[:, sources]
-        return still, f"{len(shared)} of the driver's {found} expressions are carried over by name"
-    if one_model or basis is None or other is None:
+    if basis is None or other is None or basis.matches(other):
+        if found == len(neutral):
+            return neutral + changes, None
         return still, f"the expression stays neutral: the driver has {found} coefficients, the avatar {len(neutral)}"
+    weights = name_weights(other.names, basis.names)
+    driven, driving = weights.sum(axis=1) > 0, weights.sum(axis=0) > 0
+    if driven.any() and max(_part(driven, basis), _part(driving, other)) >= LEAST_SHARED:
+        still[:, driven] += (changes @ weights[driven].T).astype(np.float32)
+        shared = f"{driving.sum()} of the driver's {found} expressions"
+        return still, f"{shared} are carried over by name, to {driven.sum()} of the avatar's {len(neutral)}"
     models = f"the driver's are of the face model '{other.name}', the avatar's of '{basis.name}'"
     return still, f"the expression stays neutral: {models}"
 
 
-def _namesakes(sources: tuple[str, ...], targets: tuple[str, ...]) -> list[tuple[int, int]]:
-    """Places of what has the same name in both, each place at most once."""
-    places = {_plain(name): place for place, name in enumerate(sources)}
-    return [(places[_plain(name)], place) for place, name in enumerate(targets) if _plain(name) in places]
-
-
-def _plain(name: str) -> str:
-    """A name without what spellings differ in: ``eyeBlinkLeft``, ``EyeBlink_L`` and ``eye blink left`` are one."""
-    letters = re.sub(r"[^a-z0-9]", "", name.lower())
-    return re.sub(r"(left|right)$", lambda side: side[0][0], letters)
+def _part(shared: Bool[np.ndarray, " e"], basis: ExpressionBasis) -> float:
+    """Part of the expressions with a name that are shared."""
+    return float(shared.sum() / max(1, sum(map(bool, basis.names))))

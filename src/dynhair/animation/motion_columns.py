@@ -206,6 +206,10 @@ def _basis(columns: Columns, count: int, path: Path) -> ExpressionBasis | None:
     names = tuple(str(name) for name in columns.get("expression_names", ()))
     if "expression_basis" not in columns and not names:
         return None
+    told = [name for name in names if name]
+    if len(set(told)) < len(told):
+        twice = next(name for place, name in enumerate(told) if name in told[:place])
+        raise DynhairError(f"two of `expression_names` are '{twice}'", path=path, expected="names that differ")
     basis = ExpressionBasis(str(columns.get("expression_basis", "unknown")), names)
     basis.require_size(count, path)
     return basis

@@ -135,14 +135,15 @@ def _csv_columns(header: list[str], table: np.ndarray) -> Columns:
     expressions = [name for name in header if name not in used]
     if expressions:
         columns["expression"] = table[:, [places[name] for name in expressions]]
-        if expressions != _unnamed(len(expressions)):
-            columns["expression_names"] = np.array(expressions)
+        names = ["" if name == _unnamed(place) else name for place, name in enumerate(expressions)]
+        if any(names):
+            columns["expression_names"] = np.array(names)
     return columns
 
 
-def _unnamed(count: int) -> list[str]:
-    """What the columns of coefficients without names are called."""
-    return [f"expression_{index}" for index in range(count)]
+def _unnamed(place: int) -> str:
+    """What the column of a coefficient without a name is called."""
+    return f"expression_{place}"
 
 
 def _constant(column: Column, name: str, values: str, path: Path) -> np.ndarray:
@@ -161,8 +162,8 @@ def _write_csv(path: Path, columns: Columns) -> None:
         if not COLUMNS[name].per_frame and name != "expression_names":
             shown = str(value) if COLUMNS[name].text else " ".join(map(repr, value.ravel().tolist()))
             text.write(f"# {name}: {shown}\n")
-    unnamed = _unnamed(columns["expression"].shape[1])
-    names = columns["expression_names"].tolist() if "expression_names" in columns else unnamed
+    told = columns["expression_names"].tolist() if "expression_names" in columns else []
+    names = [name or _unnamed(place) for place, name in enumerate(told or [""] * columns["expression"].shape[1])]
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*CSV_AXES["time"], *CSV_AXES["rotation"], *CSV_AXES["translation"], *names])
     frames = np.column_stack([columns[name] for name in ("time", "rotation", "translation", "expression")])

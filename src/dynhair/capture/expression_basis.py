@@ -15,7 +15,8 @@ class ExpressionBasis:
 
     Attributes:
         name: of the face model, as `dynhair.face.FaceModel` has it.
-        names: of the coefficients, in order; empty if they are not told.
+        names: of the coefficients, in order, distinct, and empty for a coefficient that has none; no names at all if
+            they are not told.
     """
 
     name: str
@@ -23,7 +24,10 @@ class ExpressionBasis:
 
     def matches(self, other: ExpressionBasis) -> bool:
         """Whether coefficients of one can stand for those of the other, as far as both tell."""
-        return self.name == other.name and (not self.names or not other.names or self.names == other.names)
+        if self.name != other.name or (self.names and other.names and len(self.names) != len(other.names)):
+            return False
+        pairs = zip(self.names, other.names, strict=False)
+        return all(own == others for own, others in pairs if own and others)
 
     def require_size(self, count: int, path: Path | None = None) -> None:
         """Make sure that there are as many coefficients as names, if there are names.

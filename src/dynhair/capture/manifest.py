@@ -160,8 +160,11 @@ class _Parser:
         before = len(self.problems)
         if not _is_text(name):
             self._problem(f"`expression_basis`: `name` is {_short(name)}", "the name of a face model")
-        if not isinstance(names, list) or not all(map(_is_text, names)) or len(set(names)) < len(names):
-            self._problem(f"`expression_basis`: `names` is {_short(names)}", "a list of distinct names, or no `names`")
+        if not isinstance(names, list) or not _are_names(names):
+            self._problem(
+                f"`expression_basis`: `names` is {_short(names)}",
+                "a list of distinct names, empty for coefficients that have none, or no `names`",
+            )
         return ExpressionBasis(name, tuple(names)) if len(self.problems) == before else None
 
     def _segments(self, value: Any) -> tuple[Segment, ...]:
@@ -236,6 +239,12 @@ def _is_name(value: Any) -> bool:
 
 def _is_text(value: Any) -> bool:
     return isinstance(value, str) and bool(value.strip())
+
+
+def _are_names(values: Sequence[Any]) -> bool:
+    """Whether these are distinct texts, or empty ones."""
+    told = [value for value in values if value != ""]
+    return all(map(_is_text, told)) and len(set(told)) == len(told)
 
 
 def _short(value: Any) -> str:

@@ -49,10 +49,10 @@ def expression_sliders(avatar: Avatar, tracks: Sequence[HeadTrack], count: int =
     strengths[modes.coefficients.long().cpu()] = modes.offsets.detach().square().mean((1, 2)).sqrt().cpu()
     scores = reaches * (strengths.numpy() if strengths.any() else 1.0)
     strongest = [int(index) for index in np.argsort(-scores, kind="stable") if scores[index] > 0][:count]
-    names = avatar.expression_basis.names if avatar.expression_basis else ()
+    told = avatar.expression_basis.names if avatar.expression_basis else ()
+    names = told or [""] * size
     return [
-        ExpressionSlider(index, names[index] if names else f"coefficient {index}", _round(reaches[index]))
-        for index in strongest
+        ExpressionSlider(index, names[index] or f"coefficient {index}", _round(reaches[index])) for index in strongest
     ]
 
 
