@@ -69,6 +69,10 @@ class HairDeformer(PointNetwork):
     def layers(self, embedding: Float[Tensor, " e"]) -> list[PointLayer]:
         """The network under one embedding, which all points share; it displaces them by `DISPLACEMENT_UNIT`."""
 
+    def parameters_by_rate(self) -> dict[str, list[nn.Parameter]]:
+        """Its parameters under the names of their :class:`~dynhair.config.LearningRates`."""
+        return {"deformer": list(self.parameters())}
+
     def forward(self, window: Float[Tensor, "t c"]) -> Float[Tensor, "n l 3"]:
         """Displacements, metres, in the head frame.
 

@@ -21,6 +21,10 @@ class RigidDeformer(nn.Module):
         super().__init__()
         self.config = config
 
+    def parameters_by_rate(self) -> dict[str, list[nn.Parameter]]:
+        """None."""
+        return {}
+
 
 def hair_deformer(canonical: Float[Tensor, "n l 3"], config: DeformerConfig) -> HairDeformer:
     """A fresh deformer of the configured kind."""
@@ -60,6 +64,15 @@ class Hair(nn.Module):
         widths = torch.full_like(self.strands[:, 0, 0], self.width)
         ids = torch.arange(len(widths), device=widths.device)
         return HairLook(ids, ids, widths, self.base_harmonic, self.higher_harmonics)
+
+    def parameters_by_rate(self) -> dict[str, list[nn.Parameter]]:
+        """Its parameters under the names of their :class:`~dynhair.config.LearningRates`."""
+        return {
+            "strands": [self.strands],
+            "hair_colour": [self.base_harmonic],
+            "hair_gloss": [self.higher_harmonics],
+            **self.deformer.parameters_by_rate(),
+        }
 
     def forward(self, window: Float[Tensor, "t c"] | None) -> Float[Tensor, "n l 3"]:
         """Strands in the head frame, metres.

@@ -115,6 +115,22 @@ class Head(nn.Module):
         self.colour = Branches(config.features, expression, pose, (thin,) * 2, (thin,), channels)
         self.attributes = Branches(config.features, expression, pose, (thin,) * 2, (thin,), ATTRIBUTES)
 
+    def parameters_by_rate(self) -> dict[str, list[nn.Parameter]]:
+        """Its parameters under the names of their :class:`~dynhair.config.LearningRates`."""
+        networks = (self.deformation, self.colour, self.attributes)
+        return {
+            "head_means": [self.means],
+            "head_modes": list(self.modes.parameters()),
+            "head_features": [self.features],
+            "head_scales": [self.log_scales],
+            "head_rotations": [self.quats],
+            "head_opacity": [self.opacity_logits],
+            "head_colour": [self.base_colours],
+            "head_follow": [] if self.follow_logits is None else [self.follow_logits],
+            "body_response": list(self.skinning.parameters()),
+            "head_networks": [parameter for network in networks for parameter in network.parameters()],
+        }
+
     @property
     def follow(self) -> Float[Tensor, " k"]:
         """How far each Gaussian follows the head: 0 to 1; 1 for all where follow weights are off."""

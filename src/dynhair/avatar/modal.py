@@ -97,6 +97,11 @@ class ModalDeformer(HairDeformer):
         nn.init.normal_(self.shapes.weight, std=1e-2)  # the hair hardly moves at first
         nn.init.zeros_(self.shapes.bias)
 
+    def parameters_by_rate(self) -> dict[str, list[nn.Parameter]]:
+        """As :meth:`HairDeformer.parameters_by_rate`: the oscillators learn faster than the rest."""
+        rest = [parameter for name, parameter in self.named_parameters() if not name.startswith("oscillators.")]
+        return {"modes": list(self.oscillators.parameters()), "deformer": rest}
+
     def embedding(self, window: Float[Tensor, "t c"]) -> Float[Tensor, " modes"]:
         """The modes' amplitudes at the end of a window."""
         first, second = window[:, self.get_buffer("pairs")].unbind(1)

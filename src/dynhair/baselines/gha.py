@@ -16,6 +16,7 @@ from dynhair.avatar.model_folder import basis_of, load_model, save_model
 from dynhair.baselines.strandless import PosedGaussians, StrandlessHead
 from dynhair.capture import ExpressionBasis
 from dynhair.config import HeadConfig, TrainingConfig
+from dynhair.training.rates import parameter_groups
 
 KIND = "dynhair gha baseline"
 
@@ -47,28 +48,7 @@ class GaussianHeadAvatar(StrandlessHead):
 
     def parameter_groups(self, config: TrainingConfig) -> list[dict[str, Any]]:
         """Adam's groups, with the rates of the avatar's head."""
-        head, rates = self.head, config.rates
-        own = {
-            "head_means": [head.means],
-            "head_modes": list(head.modes.parameters()),
-            "head_features": [head.features],
-            "head_scales": [head.log_scales],
-            "head_rotations": [head.quats],
-            "head_opacity": [head.opacity_logits],
-            "head_colour": [head.base_colours],
-            "head_follow": [] if head.follow_logits is None else [head.follow_logits],
-            "body_response": list(head.skinning.parameters()),
-            "head_networks": [
-                parameter
-                for network in (head.deformation, head.colour, head.attributes)
-                for parameter in network.parameters()
-            ],
-        }
-        return [
-            {"params": parameters, "lr": getattr(rates, name), "name": name}
-            for name, parameters in own.items()
-            if parameters
-        ]
+        return parameter_groups(self.head.parameters_by_rate(), config.rates)
 
     def save(self, path: Path | str) -> None:
         """Write the head as a folder, atomically: ``avatar.json`` and ``avatar.safetensors``."""
