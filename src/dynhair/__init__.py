@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from dynhair.avatar import Avatar, LiveAvatar, Recording
     from dynhair.capture import Capture
     from dynhair.config import PRESETS
-    from dynhair.training import train
+    from dynhair.training.trainer import train
 
 __version__ = "0.1.0"
 __all__ = ["PRESETS", "Avatar", "Capture", "LiveAvatar", "Recording", "train"]
@@ -27,7 +27,7 @@ _HOMES = {
     "LiveAvatar": "avatar",
     "PRESETS": "config",
     "Recording": "avatar",
-    "train": "training",
+    "train": "training.trainer",
 }
 
 

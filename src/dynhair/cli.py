@@ -159,7 +159,7 @@ def train(
     """
     from dynhair.ablations import ablated
     from dynhair.config import chosen_config
-    from dynhair.training import train as train_avatar
+    from dynhair.training.trainer import train as train_avatar
 
     chosen = ablated(chosen_config(preset, config, iterations, seed, deformer), ablation)
     train_avatar(capture, out, chosen, stages=stages, hair_init=hair_init, resume=resume)

@@ -9,7 +9,7 @@ from rich.console import Console
 from dynhair.config import preset
 from dynhair.errors import DynhairError
 from dynhair.evaluation import Appearance, run_evaluation
-from dynhair.training import train
+from dynhair.training.trainer import train
 
 
 def sample_capture() -> Path:

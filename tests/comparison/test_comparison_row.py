@@ -12,7 +12,7 @@ import pytest
 
 import dynhair.baselines
 import dynhair.evaluation
-import dynhair.training
+import dynhair.training.trainer
 from dynhair.comparison import row as row_module
 from dynhair.comparison.plan import compared_rows
 from dynhair.comparison.record import Comparison, Row
@@ -39,7 +39,7 @@ class Calls(list[tuple[str, dict[str, Any]]]):
 @pytest.fixture
 def calls(monkeypatch: pytest.MonkeyPatch) -> Calls:
     recorded = Calls()
-    monkeypatch.setattr(dynhair.training, "train", recorded.of("train", "avatar/avatar.json"))
+    monkeypatch.setattr(dynhair.training.trainer, "train", recorded.of("train", "avatar/avatar.json"))
     monkeypatch.setattr(dynhair.baselines, "train_baseline", recorded.of("baseline", "avatar/avatar.json"))
     monkeypatch.setattr(dynhair.evaluation, "run_evaluation", recorded.of("evaluate", "metrics.json"))
     return recorded

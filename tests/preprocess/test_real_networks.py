@@ -16,7 +16,7 @@ from dynhair.avatar import Avatar
 from dynhair.capture import Capture
 from dynhair.config import PRESETS
 from dynhair.preprocess.pipeline import preprocess
-from dynhair.training import train
+from dynhair.training.trainer import train
 
 pytestmark = pytest.mark.slow
 

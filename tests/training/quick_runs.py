@@ -11,7 +11,7 @@ import safetensors.torch
 from rich.console import Console
 
 from dynhair.config import Config, DeformerConfig, HairConfig, HeadConfig, StaticConfig, TrainingConfig, write_config
-from dynhair.training import train
+from dynhair.training.trainer import train
 
 CONFIG = Config(
     hair=HairConfig(strands=60, points=10, deformer=DeformerConfig(hidden=8, width=16)),

@@ -14,7 +14,7 @@ from dynhair.avatar import Avatar
 from dynhair.capture import Capture
 from dynhair.config import Config, DeformerConfig, HairConfig, HeadConfig, StaticConfig, TrainingConfig
 from dynhair.mesh_config import MeshHeadConfig
-from dynhair.training import train
+from dynhair.training.trainer import train
 from synthetic import write_synthetic_capture
 
 CONFIG = Config(

@@ -17,8 +17,8 @@ from dynhair.config import Config, DeformerConfig, HairConfig, HeadConfig, Stati
 from dynhair.errors import DynhairError
 from dynhair.face import open_head
 from dynhair.strands import MeshDistance
-from dynhair.training import train
 from dynhair.training.surface import RegisteredHead, tracked_surface
+from dynhair.training.trainer import train
 from synthetic import HEAD_ORIGIN, write_synthetic_capture
 
 FRAMES = 6

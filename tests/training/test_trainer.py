@@ -19,10 +19,10 @@ from dynhair.avatar import Avatar
 from dynhair.capture import Capture
 from dynhair.config import write_config
 from dynhair.errors import DynhairError
-from dynhair.training import train
 from dynhair.training.batches import Batch, Batches
 from dynhair.training.checkpoint import Checkpoint
 from dynhair.training.run import Run
+from dynhair.training.trainer import train
 from synthetic import write_synthetic_capture
 
 

@@ -75,8 +75,7 @@ def _train(comparison: Comparison, row: Row, console: Console) -> None:
             console=console,
         )
         return
-    from dynhair.training import train
-    from dynhair.training.trainer import STAGES
+    from dynhair.training.trainer import STAGES, train
 
     shared = ("mesh", "static") if config.head.start == "mesh" else ("static",)
     train(capture, folder, stages=shared if row.method == HAIR else STAGES, resume=True, console=console)
