@@ -12,6 +12,7 @@ from torch import Tensor
 from dynhair.avatar import Avatar, PosedAvatar
 from dynhair.avatar.drawn_hair import COLOURS, drawn_hair
 from dynhair.camera import Camera
+from dynhair.export.colours import linear_colours
 from dynhair.render import Gaussians
 from dynhair.render.reference import quaternion_matrix
 from dynhair.strands import strands_and_body
@@ -124,6 +125,5 @@ def strand_lines(
     every = -(-count * segments // MOST_SEGMENTS)
     ends = torch.stack([strands[::every, :-1], strands[::every, 1:]], 2).flatten(0, 1)
     colours = drawn.features[: count * segments].view(count, segments, 3)[::every].mean(1).clamp(0, 1)
-    linear = torch.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
-    pixels = (linear * 255).round().to(torch.uint8).repeat_interleave(segments, 0)[:, None].expand(-1, 2, -1)
-    return ends.cpu().numpy(), pixels.cpu().numpy()
+    pixels = (linear_colours(colours.cpu().numpy()) * 255).round().astype(np.uint8)
+    return ends.cpu().numpy(), pixels.repeat(2 * segments, 0).reshape(-1, 2, 3)
