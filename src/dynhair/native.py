@@ -45,6 +45,11 @@ def compiled(*sources: Path, integers: str, arrays: str, channels: int = 0) -> K
         return _compile(sources, integers, arrays, channels)
 
 
+def for_kernels(*tensors: Tensor) -> bool:
+    """Whether compiled code takes these tensors: they are float32 and on the CPU."""
+    return all(tensor.dtype == torch.float32 and tensor.device.type == "cpu" for tensor in tensors)
+
+
 def require_shapes(**tensors: tuple[Tensor, Sequence[int]]) -> None:
     """Refuse tensors that compiled code, which sees addresses alone, would read or write beyond.
 

@@ -14,7 +14,7 @@ from torch.autograd.function import once_differentiable
 
 from dynhair.avatar.spherical_harmonics import harmonics_colours
 from dynhair.camera import Camera
-from dynhair.native import Kernel, compiled, require_shapes
+from dynhair.native import Kernel, compiled, for_kernels, require_shapes
 from dynhair.strands import projected_orientation, root_taper, strand_gaussians
 from dynhair.threads import run, shares
 
@@ -67,7 +67,7 @@ def drawn_hair(
     count = strands.shape[0] * (strands.shape[1] - 1)
     require_shapes(widths=(widths, strands.shape[:1]), base=(base, (1, 3, count)), higher=(higher, (15, 3, count)))
     given = strands, base, higher, widths
-    if any(tensor.dtype != torch.float32 or tensor.device.type != "cpu" for tensor in given):
+    if not for_kernels(*given):
         return plain_drawn_hair(strands, widths, base, higher, cameras)
     views = torch.stack([_packed(camera) for camera in cameras])
     taper = root_taper(strands.shape[1] - 1).float()

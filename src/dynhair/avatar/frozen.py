@@ -18,6 +18,7 @@ from dynhair.avatar.head_pose import HeadPose
 from dynhair.avatar.modal import ModalDeformer
 from dynhair.camera import Camera
 from dynhair.capture import HeadTrack
+from dynhair.native import for_kernels
 from dynhair.strands import smooth_strands
 from dynhair.threads import beside, thread_count
 
@@ -105,7 +106,7 @@ class FrozenAvatar(Avatar):
         nn.Module.__init__(self)
         vars(self).update(vars(avatar))
         self._modules = {**avatar._modules}
-        if self.background.device.type == "cpu" and self.background.dtype == torch.float32:
+        if for_kernels(self.background):
             self.hair, self.head = FrozenHair(avatar.hair), FrozenHead(avatar.head)
         self._known: tuple[HeadTrack, Tensor] | None = None
 

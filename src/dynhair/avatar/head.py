@@ -19,6 +19,7 @@ from dynhair.avatar.head_pose import HeadPose
 from dynhair.avatar.posed_gaussians import Canonical, Posed, posed_gaussians
 from dynhair.avatar.skinning import Skinning
 from dynhair.config import HeadConfig
+from dynhair.native import for_kernels
 
 # Initial standard deviations over spacing: wide enough to close the surface, and thin, for hair that lies on the skin
 # would vanish in anything thick.
@@ -144,8 +145,8 @@ class Head(nn.Module):
         """The posed Gaussians in the world (appendix A, "Appearance and attributes")."""
         code = self.skinning.pose_code(pose)
         offsets = self._offsets(pose, code)
-        compiled = self.means.device.type == "cpu" and self.means.dtype == torch.float32
-        compiled = compiled and not pose.expression.requires_grad  # its turns and growth have no gradient there
+        # there is no gradient of the expression's turns and growth there
+        compiled = for_kernels(self.means) and not pose.expression.requires_grad
         posed = self._posed_at_once(pose, code, offsets) if compiled else self._posed_by_passes(pose, code, offsets)
         return HeadGaussians(
             means=posed.means,

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from dynhair.native import compiled, require_shapes
+from dynhair.native import compiled, for_kernels, require_shapes
 from dynhair.threads import run, shares
 
 
@@ -48,8 +48,7 @@ def layers(
     """
     require_shapes(features=(features, (*alpha.shape, 4 + len(background))))
     given = features, alpha, background
-    quick = all(tensor.dtype == torch.float32 and tensor.device.type == "cpu" for tensor in given)
-    return Layers(*(_CompiledLayers if quick else _Layers).apply(*given))
+    return Layers(*(_CompiledLayers if for_kernels(*given) else _Layers).apply(*given))
 
 
 class _Layers(torch.autograd.Function):

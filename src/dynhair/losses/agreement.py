@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from dynhair.native import compiled, require_shapes
+from dynhair.native import compiled, for_kernels, require_shapes
 from dynhair.threads import run, shares
 
 
@@ -43,7 +43,7 @@ def agreed(
         true_body=(true_labels[1], size),
     )
     given = colours, truth, *labels, *true_labels
-    if all(tensor.dtype == torch.float32 and tensor.device.type == "cpu" for tensor in given):
+    if for_kernels(*given):
         return _Agreed.apply(*given)  # pyright: ignore[reportReturnType]
     hair, body = (found.detach() - true for found, true in zip(labels, true_labels, strict=True))
     off = hair.abs() + body.abs() + (hair + body).abs()

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from dynhair.native import Kernel, compiled, require_shapes
+from dynhair.native import Kernel, compiled, for_kernels, require_shapes
 from dynhair.threads import run, shares
 
 
@@ -42,9 +42,7 @@ def added_up(
     """
     given = [predicted, target] if weight is None else [predicted, target, weight]
     require_shapes(target=(target, predicted.shape), weight=(given[-1], predicted.shape))
-    if all(tensor.dtype == torch.float32 and tensor.device.type == "cpu" for tensor in given) and not any(
-        tensor.requires_grad for tensor in given[1:]
-    ):
+    if for_kernels(*given) and not any(tensor.requires_grad for tensor in given[1:]):
         maps = [tensor.contiguous() for tensor in given]
         if weight is None:
             maps.append(predicted.new_empty(0))

@@ -9,6 +9,7 @@ from torch import Tensor
 from dynhair.errors import DynhairError
 from dynhair.losses.differences import added_up
 from dynhair.losses.native_ssim import mean_similarity
+from dynhair.native import for_kernels
 
 WINDOW = 11
 """Pixels across the Gaussian window of the structural similarity."""
@@ -46,7 +47,7 @@ def ssim(first: Float[Tensor, "*v h w c"], second: Float[Tensor, "*v h w c"]) ->
     height, width = first.shape[-3:-1]
     if min(height, width) < WINDOW:
         raise DynhairError(f"an image of {width} x {height} pixels has no SSIM", expected=f"at least {WINDOW} each way")
-    if first.dtype == second.dtype == torch.float32 and first.device.type == "cpu" and not second.requires_grad:
+    if for_kernels(first, second) and not second.requires_grad:
         image, target = (images.reshape(-1, *images.shape[-3:]) for images in (first, second))
         return mean_similarity(image, target, _window(first))
     return _similarity(first, second).mean()
