@@ -13,6 +13,7 @@ AblationName = Literal[
     "no-acceleration",
     "no-gravity",
     "no-elastic",
+    "stretching",
     "no-film",
     "mlp-encoder",
     "no-colour-terms",
@@ -22,10 +23,12 @@ AblationName = Literal[
     "head-collision",
     "no-reach",
 ]
-"""``paper-deformer`` has the paper's network where hair swings in modes; ``pose``, ``no-film`` and ``mlp-encoder`` are
-of parts of that network, which modes have not. ``pose`` gives the deformer the head's pose for its velocities,
-``rigid`` takes away the non-rigid deformation, and ``head-collision`` keeps strands out of the head alone, as the paper
-does. ``no-reach`` leaves out a term that the paper does not have."""
+"""``paper-deformer`` has the paper's network, and strands that stretch, where hair swings in modes; ``pose``, ``no-
+film`` and ``mlp-encoder`` are of parts of that network, which modes have not. ``stretching`` lets strands stretch
+that otherwise keep their lengths, held back by the elastic term as the paper's are; ``no-elastic`` leaves that term
+out where there is one. ``pose`` gives the deformer the head's pose for its velocities, ``rigid`` takes away the
+non-rigid deformation, and ``head-collision`` keeps strands out of the head alone, as the paper does. ``no-reach``
+leaves out a term that the paper does not have."""
 
 ABLATIONS: tuple[AblationName, ...] = get_args(AblationName)
 
@@ -45,6 +48,10 @@ def ablated(config: Config, name: AblationName | None) -> Config:
             return _with_deformer(config, acceleration=False)
         case "no-gravity":
             return _with_deformer(config, gravity=False)
+        case "stretching":
+            return _with_deformer(config, inextensible=False)
+        case "no-elastic" if config.hair.deformer.inextensible:
+            return config
         case "no-elastic":
             return _with_weights(config, elastic=0.0)
         case "no-film":

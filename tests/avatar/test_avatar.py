@@ -18,6 +18,7 @@ from dynhair.camera import Camera
 from dynhair.capture import ExpressionBasis
 from dynhair.errors import DynhairError
 from dynhair.motion import SignalNormalizer, motion_signals
+from dynhair.strands import segment_lengths
 from tiny_avatars import FRAMES, SMALL, front_camera, head_track, make_avatar
 
 
@@ -97,6 +98,7 @@ def test_an_avatar_survives_its_folder(avatar: Avatar, tmp_path: Path) -> None:
         {"encoder": "mlp"},
         {"film": False},
         {"knots": 3},
+        {"inextensible": True},
     ],
     ids=str,
 )
@@ -134,6 +136,19 @@ def test_hair_depends_on_the_chosen_signals_alone(change: dict[str, Any], blind_
     strands = avatar.deformed_strands(track, [3])
     blind = {name for name, other in others.items() if torch.equal(avatar.deformed_strands(other, [3]), strands)}
     assert blind == blind_to
+
+
+def test_hair_that_cannot_stretch_bends_from_roots_that_stay() -> None:
+    avatar = make_avatar(deformer=replace(SMALL, inextensible=True)).eval()
+    moved, rest = avatar.deformed_strands(head_track(), [3])[0], avatar.canonical_strands
+    torch.testing.assert_close(segment_lengths(moved), segment_lengths(rest))
+    assert torch.equal(moved[:, 0], rest[:, 0])
+    with torch.no_grad():
+        avatar.hair.deformer.config = SMALL
+        stretching = avatar.deformed_strands(head_track(), [3])[0]
+    steps = [torch.nn.functional.normalize(strands.diff(dim=1), dim=-1) for strands in (moved, stretching)]
+    torch.testing.assert_close(*steps)
+    assert (segment_lengths(stretching) - segment_lengths(rest)).abs().max() > 1e-4
 
 
 def test_rigid_hair_has_no_network_and_survives_the_folder(tmp_path: Path) -> None:

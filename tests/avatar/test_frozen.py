@@ -53,7 +53,15 @@ def test_it_draws_the_same_images(threads: int) -> None:
 
 @pytest.mark.parametrize(
     "change",
-    [{"signals": "pose"}, {"encoder": "mlp"}, {"film": False}, {"knots": 3}, {"layers": 3}, {"kind": "modal"}],
+    [
+        {"signals": "pose"},
+        {"encoder": "mlp"},
+        {"film": False},
+        {"knots": 3},
+        {"layers": 3},
+        {"kind": "modal"},
+        {"inextensible": True},
+    ],
     ids=str,
 )
 def test_every_kind_of_hair_motion_stays(change: dict[str, Any]) -> None:

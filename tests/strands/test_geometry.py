@@ -16,6 +16,7 @@ from dynhair.strands import (
     segment_lengths,
     smooth_strands,
     strand_lengths,
+    with_lengths,
 )
 
 
@@ -56,6 +57,7 @@ def test_gradients_are_finite_without_length() -> None:
     strands = torch.zeros(2, 6, 3, requires_grad=True)
     resampled = resample_strands(strands, 9)
     total = bending_angles(strands).sum() + strand_lengths(strands).sum() + resampled.sum()
+    total = total + with_lengths(strands, strands).sum()
     total.backward()
     assert torch.equal(resampled, torch.zeros(2, 9, 3))
     assert strands.grad is not None
@@ -68,6 +70,8 @@ def test_gradients_agree_with_finite_differences() -> None:
     assert torch.autograd.gradcheck(strand_lengths, strands)
     assert torch.autograd.gradcheck(lambda s: resample_strands(s, 7), strands)
     assert torch.autograd.gradcheck(smooth_strands, strands)
+    rest = random_strands(count=2, points=5, seed=1).requires_grad_()
+    assert torch.autograd.gradcheck(with_lengths, (strands, rest))
 
 
 @pytest.mark.parametrize("count", [2, 5, 9, 40])
@@ -105,6 +109,17 @@ def test_resampling_crosses_repeated_points() -> None:
 def test_resampling_to_one_point_is_refused() -> None:
     with pytest.raises(DynhairError, match="1 points"):
         resample_strands(helix(5), 1)
+
+
+@given(st.integers(0, 1000), st.floats(0.1, 10.0))
+def test_given_lengths_change_neither_directions_nor_roots(seed: int, size: float) -> None:
+    strands, rest = size * random_strands(seed=seed), random_strands(seed=seed + 1)
+    bent = with_lengths(strands, rest)
+    assert torch.equal(bent[:, 0], rest[:, 0])
+    torch.testing.assert_close(segment_lengths(bent), segment_lengths(rest))
+    directions = [torch.nn.functional.normalize(some.diff(dim=1), dim=-1) for some in (bent, strands)]
+    torch.testing.assert_close(*directions)
+    torch.testing.assert_close(with_lengths(rest, rest), rest)
 
 
 def test_smoothing_averages_three_points_and_keeps_the_ends() -> None:

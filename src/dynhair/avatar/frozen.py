@@ -19,7 +19,7 @@ from dynhair.avatar.modal import ModalDeformer
 from dynhair.camera import Camera
 from dynhair.capture import HeadTrack
 from dynhair.native import for_kernels
-from dynhair.strands import smooth_strands
+from dynhair.strands import smooth_strands, with_lengths
 from dynhair.threads import beside, thread_count
 
 
@@ -57,7 +57,8 @@ class FrozenHair(Hair):
         embedding = deformer.embedding(window)
         at_knots = embedding @ self._shapes if isinstance(deformer, ModalDeformer) else self._at_knots(embedding)
         moved = (self._from_knots @ at_knots.view(self._from_knots.shape[1], -1)).view(deformer.points, -1, 3)
-        return self._rest + moved.transpose(0, 1)
+        strands = self._rest + moved.transpose(0, 1)
+        return with_lengths(strands, self._rest) if deformer.config.inextensible else strands
 
     def _at_knots(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, "k 3"]:
         """What the network says of all knots."""

@@ -11,7 +11,7 @@ from dynhair.avatar.modal import ModalDeformer
 from dynhair.avatar.spherical_harmonics import COEFFICIENTS, constant_coefficient
 from dynhair.config import DeformerConfig
 from dynhair.editing import HairLook
-from dynhair.strands import smooth_strands
+from dynhair.strands import smooth_strands, with_lengths
 
 
 class RigidDeformer(nn.Module):
@@ -81,6 +81,7 @@ class Hair(nn.Module):
             window: normalised motion conditions; None holds the hair rigid.
         """
         # The low-pass of supplement B, "Dynamic training stage"; the rigid hair gets it too, so that the two compare.
-        rigid = window is None or isinstance(self.deformer, RigidDeformer)
-        moved = self.strands if rigid else self.strands + self.deformer(window)
-        return smooth_strands(moved)
+        if window is None or isinstance(self.deformer, RigidDeformer):
+            return smooth_strands(self.strands)
+        moved = smooth_strands(self.strands + self.deformer(window))
+        return with_lengths(moved, smooth_strands(self.strands)) if self.deformer.config.inextensible else moved

@@ -9,6 +9,7 @@ from dynhair.strands.geometry import (
     segment_lengths,
     smooth_strands,
     strand_lengths,
+    with_lengths,
 )
 from dynhair.strands.orientation import decode_orientation, encode_orientation, projected_orientation
 from dynhair.strands.scalp import Roots, root_neighbours, sample_roots, smooth_surface
@@ -41,4 +42,5 @@ __all__ = [
     "texel_uv",
     "texture_roots",
     "upsample",
+    "with_lengths",
 ]

@@ -74,6 +74,19 @@ def smooth_strands(strands: Float[Tensor, "*n l 3"]) -> Float[Tensor, "*n l 3"]:
     return torch.cat([strands[..., :1, :], inner, strands[..., -1:, :]], dim=-2)
 
 
+def with_lengths(strands: Float[Tensor, "n l 3"], rest: Float[Tensor, "n l 3"]) -> Float[Tensor, "n l 3"]:
+    """The directions of some strands with the roots and segment lengths of others: these, bent without being stretched.
+
+    Args:
+        strands: give the direction of each segment; one without length draws its segment together to a point.
+        rest: give the roots and the lengths.
+    """
+    segments = strands.diff(dim=1)
+    shortest = torch.finfo(strands.dtype).tiny ** 0.5
+    stretch = segments.square().sum(-1).clamp_min(shortest).rsqrt() * segment_lengths(rest)
+    return torch.cat([rest[:, :1], rest[:, :1] + (segments * stretch[..., None]).cumsum(1)], dim=1)
+
+
 def cut_strands(strands: Float[Tensor, "n l 3"], lengths: Float[Tensor, " n"], count: int) -> Float[Tensor, "n k 3"]:
     """The first ``lengths`` metres of each strand as ``count`` points at equal steps of arc length.
 

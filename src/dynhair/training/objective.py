@@ -134,7 +134,6 @@ class JointObjective(nn.Module):
         contact = self._contact.begin(segment.start + batch.index, posed.strands, generator)
         images = self.avatar.draw(posed, batch.cameras)
 
-        rest = self.avatar.canonical_strands.detach()
         rgb = agreed_colours(images, batch)
         terms = {
             "rgb": l1_loss(rgb, batch.rgb),
@@ -142,8 +141,9 @@ class JointObjective(nn.Module):
             "segmentation": segmentation_loss(images.hair, batch.hair),
             "body": l1_loss(images.body, batch.body),
             "orientation": self._orientation(images, batch),
-            "elastic": elastic_loss(posed.strands, rest),
         }
+        if not self.avatar.hair.deformer.config.inextensible:
+            terms["elastic"] = elastic_loss(posed.strands, self.avatar.canonical_strands.detach())
         terms["penetration"], tracked = contact()
         if tracked is not None:
             terms["tracking"] = (posed.head.means[-len(tracked) :] - tracked).square().sum(-1).mean()
