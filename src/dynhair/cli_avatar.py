@@ -21,7 +21,7 @@ def animate(
     seconds: float | None = None,
     amplitude: float | None = None,
     speed: float = 1.0,
-    smoothing: float | None = None,
+    smoothing: float = 0.0,
     rigid_hair: bool = False,
 ) -> None:
     """Animate an avatar by a motion of any kind, filmed from anywhere, as a video or as pictures with transparency.
@@ -42,7 +42,7 @@ def animate(
         seconds: Length of a named motion; another is cut off there.
         amplitude: Of a named motion, degrees.
         speed: Of a named motion, as a factor.
-        smoothing: Hz above which motion counts as jitter and is removed; 5 for a video, else 0, which is none.
+        smoothing: Hz above which motion counts as jitter and is removed, such as 5; 0 for none.
         rigid_hair: Keep the hair in its canonical shape.
     """
     from dynhair.animation.run import run_animation

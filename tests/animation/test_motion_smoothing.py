@@ -10,7 +10,7 @@ from recordings import smooth_motion
 from scipy.spatial.transform import Rotation
 
 from dynhair.animation import resampled, smoothed
-from dynhair.animation.smoothing import VIDEO_CUTOFF
+from dynhair.animation.smoothing import CUTOFF
 from dynhair.capture import HeadTrack
 from dynhair.errors import DynhairError
 from dynhair.motion import motion_signals
@@ -60,7 +60,7 @@ def test_there_is_no_lag_and_the_amplitude_is_the_filters(frequency: float) -> N
     gain = (found[inside] * carrier).sum() / (angle[inside] * carrier).sum()
     assert abs(np.angle(gain)) < 2e-3
     assert abs(gain) == pytest.approx(1 / (1 + np.tan(np.pi * frequency / FPS) ** 4 / np.tan(np.pi / 6) ** 4), rel=1e-2)
-    assert VIDEO_CUTOFF / FPS == 1 / 6
+    assert CUTOFF / FPS == 1 / 6
 
 
 def test_the_result_does_not_depend_on_the_worlds_axes_or_on_the_heads() -> None:

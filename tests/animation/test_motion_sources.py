@@ -79,7 +79,7 @@ def test_a_segment_goes_through_a_file_unchanged(capture: Capture, tmp_path: Pat
         np.testing.assert_allclose(getattr(filed, name), getattr(direct, name), atol=1e-6)
 
 
-def test_a_video_is_smoothed_and_nothing_else_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_motions_are_smoothed_where_it_is_asked_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     generator = np.random.default_rng(0)
     noise = Rotation.from_rotvec(0.02 * generator.normal(size=(60, 3))).as_matrix()
     still = np.zeros((60, 3))
@@ -94,13 +94,15 @@ def test_a_video_is_smoothed_and_nothing_else_is(monkeypatch: pytest.MonkeyPatch
         return float(np.abs(np.diff(Rotation.from_matrix(track.rotations).as_rotvec(), n=2, axis=0)).mean())
 
     recording = make_recording()
-    assert shaking(driving_track("me.MOV", recording, head())) < 0.2 * shaking(jitter)
-    assert driving_track("me.MOV", recording, head(), smoothing=0.0) is jitter
+    assert driving_track("me.MOV", recording, head()) is jitter
+    assert shaking(driving_track("me.MOV", recording, head(), smoothing=5.0)) < 0.2 * shaking(jitter)
     assert len(driving_track("me.MOV", recording, head(), seconds=1.0).rotations) == 31
     write_motion(tmp_path / "me.npz", jitter)
     filed = driving_track(tmp_path / "me.npz", recording, head())
     assert shaking(filed) == pytest.approx(shaking(jitter), rel=0.05)
     assert shaking(driving_track(tmp_path / "me.npz", recording, head(), smoothing=5.0)) < 0.2 * shaking(jitter)
+    with pytest.raises(DynhairError, match="a smoothing of -1"):
+        driving_track("me.MOV", recording, head(), smoothing=-1.0)
 
 
 def test_what_means_nothing_is_refused_with_all_that_would(capture: Capture) -> None:

@@ -120,22 +120,44 @@ def test_a_head_is_never_taken_to_be_nearer_than_the_least() -> None:
     assert assumed_focal(series, (60, 100)) == pytest.approx(160 * NEAREST / 0.9, rel=0.05)
 
 
+def rest_angle(angles: np.ndarray, camera: float = 0.0, known: np.ndarray | None = None, fps: float = 30.0) -> float:
+    """Degrees of the rest pose of a head that turns by angles in degrees, filmed from an angle."""
+    shown = motion(np.radians(angles - camera), np.tile([0.0, 0.0, -1.0], (len(angles), 1)))
+    turn, _ = rest_pose(shown, np.ones(len(angles), bool) if known is None else known, fps)
+    return Rotation.from_matrix(turn).as_rotvec(degrees=True)[1] + camera
+
+
 def test_the_rest_pose_is_where_a_person_is_for_most_of_the_time() -> None:
     angles = np.r_[np.full(60, 0.2), np.linspace(0.2, 1.0, 10), np.full(30, 1.0)]
-    turn, place = rest_pose(motion(angles, angles[:, None] * [1.0, 0.0, 0.0]), np.ones(100, bool))
+    places = angles[:, None] * [1.0, 0.0, 0.0] - [0.0, 0.0, 1.0]
+    turn, place = rest_pose(motion(angles, places), np.ones(100, bool), 30.0)
     assert Rotation.from_matrix(turn).as_rotvec()[1] == pytest.approx(0.2, abs=0.02)
     assert place[0] == pytest.approx(0.2, abs=0.02)
 
 
-def test_the_rest_pose_of_a_swing_is_its_middle() -> None:
-    angles = 0.1 + 0.5 * np.sin(np.linspace(0, 4 * np.pi, 200))
-    turn, _ = rest_pose(motion(angles), np.ones(200, bool))
-    assert Rotation.from_matrix(turn).as_rotvec()[1] == pytest.approx(0.1, abs=0.03)
+@pytest.mark.parametrize("fps", [25.0, 60.0])
+@pytest.mark.parametrize("swing", [20, 40])
+def test_the_rest_pose_of_a_swing_is_its_middle(swing: float, fps: float) -> None:
+    angles = swing * np.sin(2 * np.pi * 0.7 * np.arange(round(20 * fps / 7)) / fps)
+    assert rest_angle(angles, fps=fps) == pytest.approx(0.0, abs=1)
+
+
+@pytest.mark.parametrize("side", [-38.0, 38.0])
+def test_a_look_aside_is_not_at_rest_though_it_is_held_twice_as_long(side: float) -> None:
+    turning = np.linspace(0, side, 12)
+    angles = np.r_[np.zeros(60), turning, np.full(120, side), turning[::-1]]
+    tremble = np.random.default_rng(0).normal(0, 0.2, len(angles))
+    assert abs(rest_angle(angles + tremble, camera=8.0)) < 5
+
+
+def test_who_is_filmed_from_the_side_may_rest_there() -> None:
+    angles = np.r_[np.zeros(90), 15 * np.sin(np.linspace(0, 6 * np.pi, 90))]
+    assert abs(rest_angle(angles, camera=40.0)) < 2
 
 
 def test_the_rest_pose_knows_nothing_of_what_was_not_seen() -> None:
     angles = np.r_[np.full(10, 0.3), np.full(90, 2.0)]
-    turn, _ = rest_pose(motion(angles), np.arange(100) < 10)
+    turn, _ = rest_pose(motion(angles, np.tile([0.0, 0.0, -1.0], (100, 1))), np.arange(100) < 10, 30.0)
     assert Rotation.from_matrix(turn).as_rotvec()[1] == pytest.approx(0.3, abs=1e-6)
 
 

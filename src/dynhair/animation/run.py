@@ -39,7 +39,7 @@ def run_animation(
     seconds: float | None = None,
     amplitude: float | None = None,
     speed: float = 1.0,
-    smoothing: float | None = None,
+    smoothing: float = 0.0,
     rigid_hair: bool = False,
     device: torch.device | str = "cpu",
     console: Console | None = None,

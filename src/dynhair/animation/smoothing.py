@@ -8,14 +8,15 @@ from dynhair.animation.low_pass import LowPass
 from dynhair.capture import HeadTrack
 from dynhair.errors import DynhairError
 
-VIDEO_CUTOFF = 5.0
-"""Hz, for heads tracked in video: of a shake at 2 Hz it leaves 98 %, of the noise of angular acceleration a third."""
+CUTOFF = 5.0
+"""Hz, for heads that a tracker found frame by frame: of a shake at 2 Hz it leaves 98 %, of angular acceleration's noise
+a third."""
 
 ORDER = 2
 """Of the Butterworth filter, run twice: gentle enough not to overshoot at a sudden stop by more than some per cent."""
 
 
-def smoothed(track: HeadTrack, cutoff: float = VIDEO_CUTOFF) -> HeadTrack:
+def smoothed(track: HeadTrack, cutoff: float = CUTOFF) -> HeadTrack:
     """Filter a track's rotations and translations without shifting them in time; expressions stay as they are.
 
     Args:

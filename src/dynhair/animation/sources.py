@@ -12,7 +12,7 @@ from dynhair.animation.expressions import carried_expressions
 from dynhair.animation.motion_files import MOTION_SUFFIXES, read_motion
 from dynhair.animation.procedural import MOTIONS, motion
 from dynhair.animation.resampling import resampled
-from dynhair.animation.smoothing import VIDEO_CUTOFF, smoothed
+from dynhair.animation.smoothing import smoothed
 from dynhair.animation.timed_motion import RestPose, TimedMotion
 from dynhair.capture import Capture, ExpressionBasis, HeadTrack
 from dynhair.errors import DynhairError
@@ -36,7 +36,7 @@ def driving_track(
     seconds: float | None = None,
     amplitude: float | None = None,
     speed: float = 1.0,
-    smoothing: float | None = None,
+    smoothing: float = 0.0,
     progress: StageProgress | None = None,
     note: Callable[[str], None] = lambda text: None,
 ) -> HeadTrack:
@@ -52,8 +52,8 @@ def driving_track(
         seconds: of a motion by name; of another, where it is cut off.
         amplitude: of a motion by name, degrees.
         speed: factor of the natural pace of a motion by name.
-        smoothing: Hz above which motion counts as jitter, and is removed without lag; 0 leaves it. By default
-            `VIDEO_CUTOFF` for a video, and 0 for all else.
+        smoothing: Hz above which motion counts as jitter, and is removed without lag; 0 leaves it. What is followed in
+            a video is smooth already, as far as its landmarks tell.
         progress: shows what takes long.
         note: told what the user should know, a sentence at a time.
 
@@ -62,7 +62,6 @@ def driving_track(
     """
     spec, basis = str(spec), getattr(avatar, "expression_basis", None)
     found = _segment(spec, capture)
-    from_video = False
     if found is not None:
         track = carried(segment_motion(*found), recording, basis, note)
     elif spec in MOTIONS:
@@ -74,13 +73,12 @@ def driving_track(
         from dynhair.animation.video_driver import track_of_video
 
         expressive = cast("Avatar", avatar)  # only whose expressions it takes is asked
-        track, from_video = track_of_video(spec, recording, expressive, progress=progress, note=note), True
+        track = track_of_video(spec, recording, expressive, progress=progress, note=note)
     else:
         raise _unknown(spec, capture)
     if spec not in MOTIONS and seconds is not None:
         track = _cut(track, seconds)
-    cutoff = (VIDEO_CUTOFF if from_video else 0.0) if smoothing is None else smoothing
-    return smoothed(track, cutoff) if cutoff else track
+    return smoothed(track, smoothing) if smoothing else track
 
 
 def names_segment(spec: str | Path) -> bool:

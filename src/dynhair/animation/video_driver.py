@@ -89,7 +89,7 @@ def track_of_video(
     basis, own = avatar.expression_basis, ExpressionBasis(model.name, model.expression_names)
     if basis is None or basis.name != own.name:  # captures of others have their heads' centres for origins
         motion = seen_from(motion, HEAD_CENTRE)
-    rest = rest_pose(motion, seen)
+    rest = rest_pose(motion, seen, series.fps)
     motion = held_near(bridged(motion, known), rest[1])
     before = round((series.start - frames[0].time) * series.fps)
     after = round((frames[-1].time - series.end) * series.fps)

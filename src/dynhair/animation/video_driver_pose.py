@@ -32,6 +32,10 @@ HEAD_CENTRE = np.array([0.0, 0.044, 0.013])
 _EYES = (33, 263)
 _BETWEEN_EYES = 0.088  # metres from outer corner to outer corner on the open head
 _ROUNDS = 20
+_CALM = 0.5  # rad/s at which a frame counts half
+_ASIDE = np.radians(20)  # from the camera at which a frame counts half
+_SAME_POSE = np.radians(6)
+_HOLD = 0.5  # seconds after which a pose that is held counts less
 _SMALLEST = 1e-3  # radians or metres
 
 
@@ -112,29 +116,52 @@ def bridged(motion: HeadMotion, known: Bool[np.ndarray, " f"]) -> HeadMotion:
 
 
 def rest_pose(
-    motion: HeadMotion, known: Bool[np.ndarray, " f"]
+    motion: HeadMotion, known: Bool[np.ndarray, " f"], fps: float
 ) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, " 3"]]:
-    """Rotation and translation from which a person moves: medians over time, calm frames counting for more.
+    """Rotation and translation from which a person moves: medians over the frames, of which some count for more.
 
     Of rotations it is the geodesic median, of translations the geometric one (Weiszfeld's iterations; on SO(3): Hartley
-    et al., "L1 rotation averaging", 2011), so that a look aside that is held for a while does not count. Fast frames
-    count as well, but less: the calmest moments of a head that swings are at either end.
+    et al., "L1 rotation averaging", 2011). Calm frames count for more than fast ones. Those that look towards the
+    camera count for more than others, for whoever is filmed mostly faces it. The longer a pose is held at a stretch, the
+    less each of its frames counts, so that a long look aside weighs less than a pose that is come back to.
 
     Args:
-        motion: of the head.
+        motion: of the head, before the camera of `observations`.
         known: frames that were seen; at least one must be.
+        fps: frames per second.
     """
     before, after = motion.rotations[:-1], motion.rotations[1:]
     steps = Rotation.from_matrix(after @ before.swapaxes(1, 2)).magnitude() if len(before) else np.zeros(1)
-    speed = np.fmax(np.r_[steps[:1], steps], np.r_[steps, steps[-1:]])[: len(known)][known]
-    calm = 1 / np.maximum(speed + np.median(speed), 1e-6)
+    speed = fps * np.fmax(np.r_[steps[:1], steps], np.r_[steps, steps[-1:]])[: len(known)][known]
     rotations, places = Rotation.from_matrix(motion.rotations[known]), motion.translations[known]
-    turn, place = rotations.mean(), places.mean(0)
+    aside = (rotations * _facing(places).inv()).magnitude()
+    weights = _held_shares(rotations, fps) / (1 + speed / _CALM) / (1 + (aside / _ASIDE) ** 2)
+    turn, place = rotations.mean(weights), np.average(places, axis=0, weights=weights)
     for _ in range(_ROUNDS):
         turns, shifts = (rotations * turn.inv()).as_rotvec(), places - place
-        turn = Rotation.from_rotvec(np.average(turns, axis=0, weights=calm / _lengths(turns))) * turn
-        place = place + np.average(shifts, axis=0, weights=calm / _lengths(shifts))
+        turn = Rotation.from_rotvec(np.average(turns, axis=0, weights=weights / _lengths(turns))) * turn
+        place = place + np.average(shifts, axis=0, weights=weights / _lengths(shifts))
     return turn.as_matrix(), place
+
+
+def _facing(places: Float64[np.ndarray, "n 3"]) -> Rotation:
+    """Rotations of upright heads at some places that look into the camera, which is at the origin."""
+    ahead = -places / np.linalg.norm(places, axis=1, keepdims=True)
+    left = np.cross([0.0, 1.0, 0.0], ahead)
+    left /= np.linalg.norm(left, axis=1, keepdims=True)
+    return Rotation.from_matrix(np.stack([left, np.cross(ahead, left), ahead], axis=-1))
+
+
+def _held_shares(rotations: Rotation, fps: float) -> Float64[np.ndarray, " n"]:
+    """What each frame of a pose that is held counts: of a hold of t seconds, all together as much as log(1 + t / T)."""
+    shares, start = np.ones(len(rotations)), 0
+    while start < len(rotations):
+        left = (rotations[start:] * rotations[start].inv()).magnitude() > _SAME_POSE
+        count = int(left.argmax()) if left.any() else len(left)
+        periods = count / fps / _HOLD
+        shares[start : start + count] = np.log1p(periods) / periods
+        start += count
+    return shares
 
 
 def held_near(motion: HeadMotion, origin: Float64[np.ndarray, " 3"]) -> HeadMotion:
