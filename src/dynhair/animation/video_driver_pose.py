@@ -122,8 +122,8 @@ def rest_pose(
 
     Of rotations it is the geodesic median, of translations the geometric one (Weiszfeld's iterations; on SO(3): Hartley
     et al., "L1 rotation averaging", 2011). Calm frames count for more than fast ones. Those that look towards the
-    camera count for more than others, for whoever is filmed mostly faces it. The longer a pose is held at a stretch, the
-    less each of its frames counts, so that a long look aside weighs less than a pose that is come back to.
+    camera count for more than others, for whoever is filmed mostly faces it. The longer a pose is held at a stretch,
+    the less each of its frames counts, so that a long look aside weighs less than a pose that is come back to.
 
     Args:
         motion: of the head, before the camera of `observations`.
