@@ -1,0 +1,1 @@
+"""What network can predict simulated hair: a study of deformers with full supervision in 3D."""
