@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,15 +12,19 @@ import pytest
 import torch
 from rich.console import Console
 
+from dynhair.avatar import Hair
 from dynhair.camera import Camera
-from dynhair.capture import HeadTrack
+from dynhair.capture import Capture, HeadTrack
 from dynhair.config import preset
+from dynhair.editing import Thin, Trim, Width
 from dynhair.errors import DynhairError
 from dynhair.evaluation import run as evaluation_run
+from dynhair.evaluation.hairstyle import HairstyleScores, hairstyle_scores
 from dynhair.evaluation.run import RunEvaluation, run_evaluation
 from dynhair.storage import read_json
 from dynhair.training.run import Run, write_hair
 from synthetic import HEAD_ORIGIN, write_synthetic_capture
+from tiny_avatars import SMALL, make_avatar
 
 
 class RigidAvatar:
@@ -121,6 +125,35 @@ def test_an_avatar_alone_brings_its_own_hair(
     assert evaluation.hairstyle is not None
     assert evaluation.hairstyle.scores["canonical"].strands is not None
     assert evaluation.hairstyle.scores["canonical"].strands[0].f == 1
+
+
+def test_hair_that_was_edited_is_measured_as_it_was_and_as_it_is(
+    run: Run, capture: Path, truth: torch.Tensor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_hair(truth * 1.3, run.first_guess)
+    run.avatar.mkdir()
+    avatar = make_avatar()
+    avatar.hair = Hair(truth, 0.003, torch.zeros(3), SMALL, dynamic=False)
+    monkeypatch.setattr(
+        evaluation_run, "open_driven_head", lambda path, device: avatar.edited(Trim(0.5), Thin(0.5), Width(2.0))
+    )
+    driven = evaluation_run.evaluate_avatar
+    still = RigidAvatar(truth)  # what moves is not what is tested here, and expressions are of another face
+    monkeypatch.setattr(evaluation_run, "evaluate_avatar", lambda _, *given, **named: driven(still, *given, **named))
+    scores = read_scores(evaluate(run.path, capture, tmp_path / "out")[0])
+    assert list(scores) == ["canonical", "edited"]
+    whole, edited = (scores[name].strands for name in scores)
+    assert whole is not None and edited is not None  # noqa: PT018
+    assert whole[0].f == 1
+    assert edited[0].recall < 0.6 < edited[0].precision
+    thin = hairstyle_scores(Capture.open(capture), avatar.edited(Trim(0.5), Thin(0.5)).resting_strands, width=0.003)
+    assert scores["edited"].inside == thin.inside
+    assert scores["edited"].seen.orientation_pixels > thin.seen.orientation_pixels  # it is drawn as wide as it is
+
+
+def read_scores(evaluation: RunEvaluation) -> Mapping[str, HairstyleScores]:
+    assert evaluation.hairstyle is not None
+    return evaluation.hairstyle.scores
 
 
 def test_what_is_missing_is_named(truth: torch.Tensor, tmp_path: Path) -> None:

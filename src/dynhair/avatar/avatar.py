@@ -133,6 +133,11 @@ class Avatar(nn.Module):
         """What edits leave of the hairstyle, at rest in the head frame, metres."""
         return self._after_edits()(self.canonical_strands)
 
+    @property
+    def look(self) -> HairLook:
+        """How the strands look that edits leave."""
+        return self._after_edits().look if self.edits else self.hair.look
+
     def conditions(self, track: HeadTrack) -> Float[Tensor, "f c"]:
         """Normalised motion conditions of a whole track, on the avatar's device."""
         return self.normalizer(motion_signals(track).to(self.background.device))
@@ -167,10 +172,7 @@ class Avatar(nn.Module):
 
     def with_strands(self, strands: Float[Tensor, "n l 3"], head: HeadGaussians) -> PosedAvatar:
         """The avatar with all of its strands, in any shape, and head as given in the world, and then edited."""
-        if not self.edits:
-            return PosedAvatar(strands, head, self.hair.look)
-        edited = self._after_edits()
-        return PosedAvatar(edited(strands), head, edited.look)
+        return PosedAvatar(self._after_edits()(strands) if self.edits else strands, head, self.look)
 
     def edited(self, *edits: Edit) -> Avatar:
         """The avatar with further edits of its hair, in :meth:`posed` and wherever it is drawn; tensors are shared.

@@ -109,17 +109,23 @@ class HairstyleEvaluation:
         }
 
 
-def evaluate_hairstyles(capture: Capture, hairstyles: Mapping[str, Float[Tensor, "_ _ 3"]]) -> HairstyleEvaluation:
-    """Score several hairstyles of one person, each drawn at the width that training gives as many strands.
+def evaluate_hairstyles(
+    capture: Capture,
+    hairstyles: Mapping[str, Float[Tensor, "_ _ 3"]],
+    widths: Mapping[str, Float[Tensor, " _"]] | None = None,
+) -> HairstyleEvaluation:
+    """Score several hairstyles of one person.
 
     Args:
         capture: with hair masks.
         hairstyles: by name, head frame, metres.
+        widths: of the strands of some hairstyles, metres; those of others have the width that training gives as many.
 
     Raises:
         DynhairError: the capture has no hair masks, or neither a tracked mesh nor landmarks.
     """
-    scores = {name: hairstyle_scores(capture, strands) for name, strands in hairstyles.items()}
+    widths = widths or {}
+    scores = {name: hairstyle_scores(capture, hair, width=widths.get(name)) for name, hair in hairstyles.items()}
     segment, index = rest_frame(capture)
     truth = true_hairstyle(capture, segment.start + index)
     sizes = (f"{name} {len(strands)} strands of {strands.shape[1]} points" for name, strands in hairstyles.items())
@@ -136,20 +142,23 @@ def evaluate_hairstyles(capture: Capture, hairstyles: Mapping[str, Float[Tensor,
 
 @torch.no_grad()
 def hairstyle_scores(
-    capture: Capture, strands: Float[Tensor, "n l 3"], *, width: float | None = None
+    capture: Capture, strands: Float[Tensor, "n l 3"], *, width: float | Float[Tensor, " n"] | None = None
 ) -> HairstyleScores:
     """Score a hairstyle against a capture's views of the hair at rest, and its true strands where it has them.
 
     Args:
         capture: with hair masks.
         strands: the hairstyle, head frame, metres, root first.
-        width: at which a strand is drawn, metres; that of training for as many strands if not given.
+        width: at which strands are drawn, metres; that of training for as many strands if not given.
 
     Raises:
         DynhairError: the capture has no hair masks, or neither a tracked mesh nor landmarks.
     """
     strands = strands.detach().cpu().float()
-    width = strand_width(len(strands)) if width is None else width
+    if width is None:
+        width = strand_width(len(strands))
+    elif isinstance(width, Tensor):
+        width = width.detach().cpu().float()
     segment, index = rest_frame(capture)
     frame, pose = segment.start + index, head_pose(capture.track(segment), index)
     surface = tracked_surface(capture)
@@ -170,7 +179,9 @@ def hairstyle_scores(
     )
 
 
-def _view_figures(strands: Float[Tensor, "n l 3"], width: float, body: Gaussians, views: RestViews) -> ViewFigures:
+def _view_figures(
+    strands: Float[Tensor, "n l 3"], width: float | Float[Tensor, " n"], body: Gaussians, views: RestViews
+) -> ViewFigures:
     overlaps, angles = [torch.empty(0)], [torch.empty(0)]
     for place, camera in enumerate(views.cameras):  # one at a time, for large views take much memory
         drawn, view = render_hair(strands, width, body, [camera]), views[[place]]

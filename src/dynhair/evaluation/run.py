@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from rich.text import Text
 from torch import Tensor
 
 from dynhair import __version__
+from dynhair.avatar import Avatar
 from dynhair.baselines import open_driven_head
 from dynhair.capture import Capture
 from dynhair.errors import DynhairError
@@ -60,8 +62,9 @@ def run_evaluation(
 ) -> RunEvaluation:
     """Evaluate an avatar, or what a run has so far, against a capture; print tables, and write figures and pictures.
 
-    Of a run whose static stage alone is done, the hair at rest is evaluated. A capture of another person than the run's
-    drives the avatar, before the run's own cameras; then no image is true, and only how the hair moves is measured.
+    Of a run whose static stage alone is done, the hair at rest is evaluated. That of an edited avatar is evaluated as
+    it was trained and as edits leave it. A capture of another person than the run's drives the avatar, before the run's
+    own cameras; then no image is true, and only how the hair moves is measured.
 
     Args:
         path: the avatar's folder, or the run's.
@@ -79,6 +82,7 @@ def run_evaluation(
     path, out, console = Path(path), Path(out), console or Console()
     run = _run_of(path)
     hairstyles = {} if run is None else _stages_of_hair(run)
+    widths: dict[str, Float[Tensor, " _"]] = {}
     capture = Capture.open(capture_path, cache_bytes=0)  # views are read once
     figures: dict[str, Any] = {"dynhair": __version__, "avatar": path.resolve().name}
     motion, written = None, []
@@ -89,13 +93,16 @@ def run_evaluation(
             return RunEvaluation(_reenact(avatar, own, capture, figures, out, console), None)
         own_hair = getattr(avatar, "canonical_strands", None)
         hairstyles = hairstyles or ({} if own_hair is None else {"canonical": own_hair})
+        if isinstance(avatar, Avatar) and avatar.edits:
+            hairstyles = {"canonical": hairstyles["canonical"], "edited": avatar.resting_strands}
+            widths = {"edited": avatar.look.widths}
         motion, written = _evaluate_motion(avatar, capture, held_out_views(run, capture), appearance, out, console)
         figures.update(motion.to_json())
         console.print(evaluation_table(motion))
     hairstyle = None
     try:
         with console.status("evaluating the hair at rest"), large_pieces():
-            hairstyle = _evaluate_hairstyles(capture, hairstyles)
+            hairstyle = _evaluate_hairstyles(capture, hairstyles, widths)
         figures["hairstyle"] = hairstyle.to_json()
         console.print(hairstyle_table(hairstyle))
     except DynhairError as error:
@@ -149,10 +156,12 @@ def _stages_of_hair(run: Run) -> dict[str, Float[Tensor, "_ _ 3"]]:
     return {"canonical": canonical} if first_guess is None else {"first_guess": first_guess, "canonical": canonical}
 
 
-def _evaluate_hairstyles(capture: Capture, hairstyles: dict[str, Float[Tensor, "_ _ 3"]]) -> HairstyleEvaluation:
+def _evaluate_hairstyles(
+    capture: Capture, hairstyles: Mapping[str, Float[Tensor, "_ _ 3"]], widths: Mapping[str, Float[Tensor, " _"]]
+) -> HairstyleEvaluation:
     if not hairstyles:
         raise DynhairError("the method has no strands")
-    return evaluate_hairstyles(capture, hairstyles)
+    return evaluate_hairstyles(capture, hairstyles, widths)
 
 
 def _evaluate_motion(

@@ -83,9 +83,9 @@ def surface_gaussians(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"])
 
 
 def render_hair(
-    strands: Float[Tensor, "n l 3"], width: float, body: Gaussians, cameras: Sequence[Camera]
+    strands: Float[Tensor, "n l 3"], width: float | Float[Tensor, " n"], body: Gaussians, cameras: Sequence[Camera]
 ) -> HairImages:
-    """Draw strands of the given width, metres, together with the body that hides some of them."""
+    """Draw strands of the given width or widths, metres, together with the body that hides some of them."""
     scene = _scene(strands, width, body, cameras, None)
     images = rasterize(scene, cameras).features
     return HairImages(images[..., 0], images[..., 1:])
@@ -125,7 +125,7 @@ def render_painted_hair(
 
 
 def _scene(
-    strands: Tensor, width: float, body: Gaussians, cameras: Sequence[Camera], colours: Tensor | None
+    strands: Tensor, width: float | Tensor, body: Gaussians, cameras: Sequence[Camera], colours: Tensor | None
 ) -> Gaussians:
     hair = strand_gaussians(strands, width)
     features = []
