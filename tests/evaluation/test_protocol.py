@@ -207,6 +207,7 @@ def test_json_explains_itself() -> None:
     ]
     assert written["rigid"]["segments"]["stop"]["psnr"] < written["segments"]["stop"]["psnr"]
     assert written["protocol"]["views"] == "all 2, 36x32 pixels: side, front"
+    assert written["image_size"] == [36, 32]
     assert written["protocol"]["true_strands"].startswith("5 of 4 points")
     assert written["protocol"]["networks"] == "random weights; no VGG16; no Inception"
 

@@ -40,7 +40,7 @@ def made_row(
     if state == "done":
         evaluation = folder / name / "evaluation"
         evaluation.mkdir(parents=True)
-        said = {"views": f"all 1, {SIZE[0]}x{SIZE[1]} pixels: front", "networks": "LPIPS", **(protocol or {})}
+        said = {"views": "all 1: front", "networks": "LPIPS", **(protocol or {})}
         metrics = {
             **figures,
             "samples": {key: 16 for key, value in figures.items() if value is not None},
@@ -52,6 +52,7 @@ def made_row(
             "held_out_views": {"views": [], "reason": "none"} if held_out is None else {"views": ["side"], **held_out},
             "cost": {"frames": 8, "views": 1, "seconds": 4.0, "seconds_per_100_frames_and_view": 50.0},
             "protocol": said,
+            "image_size": SIZE,
             "definitions": {"psnr": "dB, -10 log10(MSE)"},
         }
         (evaluation / "metrics.json").write_text(json.dumps(metrics))

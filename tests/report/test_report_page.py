@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -103,6 +104,17 @@ def test_large_videos_are_linked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     page = report([two_methods(tmp_path / "c", videos=True)], tmp_path / "out")
     assert "videos/baselines_long_nod.mp4" in page.links
     assert (tmp_path / "out" / "videos" / "baselines_long_nod.mp4").stat().st_size > 100
+
+
+@pytest.mark.parametrize("size", [None, [64, 0], "64x48"])
+def test_videos_of_unknown_size_are_left_out_and_named(size: object, tmp_path: Path) -> None:
+    folder = two_methods(tmp_path / "c", videos=True)
+    file = folder / "gha-seed0" / "evaluation" / "metrics.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"image_size": size}))
+    text = report([folder], tmp_path / "out").text
+    assert f"'image_size' is {size!r}" in text
+    assert str(file) in text
+    assert len(list((tmp_path / "out" / "videos").iterdir())) == 1  # of ours alone
 
 
 def test_plots_take_the_ink_of_the_page_and_tell_the_lag(tmp_path: Path) -> None:

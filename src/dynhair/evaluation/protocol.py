@@ -109,6 +109,7 @@ def evaluate_avatar(
         held_out=(apart[0], _second(apart)) if apart else None,
         held_out_views=held_out,
         protocol=session.protocol(),
+        image_size=capture.image_size,
         cost=watch.cost(sum(part.avatar.frames for part in segments), len(capture.camera_names)),
     )
 

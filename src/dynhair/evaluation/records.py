@@ -81,6 +81,7 @@ class Evaluation:
         held_out: of the avatar and its rigid twin over the views held out alone; None where there are none.
         held_out_views: which these are.
         protocol: what was held against what, in words.
+        image_size: width and height of the images, pixels.
         cost: how long it took.
     """
 
@@ -90,6 +91,7 @@ class Evaluation:
     held_out: tuple[Figures, Figures | None] | None
     held_out_views: HeldOutViews
     protocol: dict[str, str]
+    image_size: tuple[int, int]
     cost: Cost
 
     def to_json(self) -> dict[str, Any]:
@@ -105,6 +107,7 @@ class Evaluation:
             "held_out_views": self._held_out_json(),
             "cost": self.cost.to_json(),
             "protocol": self.protocol,
+            "image_size": list(self.image_size),
             "definitions": dict(DEFINITIONS),
         }
 

@@ -61,6 +61,7 @@ def reenact(
         held_out=None,
         held_out_views=HeldOutViews(reason=NO_TRUTH),
         protocol=session.protocol(tests),
+        image_size=(session.camera.width, session.camera.height),
         cost=watch.cost(overall.frames, 1),
     )
 

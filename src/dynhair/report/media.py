@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from PIL import Image
 
+from dynhair.errors import DynhairError
 from dynhair.report.clips import METHOD_PANEL, TRUTH_PANEL, Clip, contact_sheet
-from dynhair.report.comparison import OURS, Comparison, Row, mapping
+from dynhair.report.comparison import OURS, Comparison, Row
 from dynhair.report.study import Pair
 from dynhair.storage import atomic_file
 
@@ -64,17 +64,25 @@ def shown_rows(comparison: Comparison) -> list[Row]:
     return sorted(first.values(), key=lambda row: row.method != OURS)
 
 
-def find_footage(comparison: Comparison) -> list[Footage]:
-    """Collect the videos of the test motions, one method at least in each."""
-    rows = shown_rows(comparison)
+def find_footage(comparison: Comparison, problems: list[str]) -> list[Footage]:
+    """Collect the videos of the test motions, one method at least in each.
+
+    Args:
+        comparison: whose rows have videos.
+        problems: gets what keeps a row's videos out.
+    """
+    rows = [row for row in shown_rows(comparison) if any(row.evaluation.glob("test_*.mp4"))]
     names = dict.fromkeys(path.stem for row in rows for path in sorted(row.evaluation.glob("test_*.mp4")))
+    aspects: dict[str, float] = {}
+    for row in rows:
+        try:
+            aspects[row.label] = _aspect(row)
+        except DynhairError as error:
+            problems.append(str(error))
     footage = []
     for name in names:
-        methods: dict[str, Clip] = {}
-        for row in rows:
-            path, aspect = row.evaluation / f"{name}.mp4", _aspect(row)
-            if path.exists() and aspect is not None:
-                methods[row.label] = Clip(path, METHOD_PANEL, aspect)
+        paths = {row.label: row.evaluation / f"{name}.mp4" for row in rows if row.label in aspects}
+        methods = {label: Clip(path, METHOD_PANEL, aspects[label]) for label, path in paths.items() if path.exists()}
         if methods:
             truth = replace(next(iter(methods.values())), panel=TRUTH_PANEL)
             ours = next((row.label for row in rows if row.method == OURS and row.label in methods), None)
@@ -89,7 +97,15 @@ def write_sheet(footage: Footage, path: Path) -> None:
         sheet.save(temporary, quality=85, method=4)
 
 
-def _aspect(row: Row) -> float | None:
+def _aspect(row: Row) -> float:
     """Width over height of the images that were evaluated."""
-    found = re.search(r"(\d+)x(\d+) pixels", str(mapping(row.metrics.get("protocol")).get("views", "")))
-    return int(found[1]) / int(found[2]) if found else None
+    match row.metrics.get("image_size"):
+        case [int(width), int(height)] if min(width, height) > 0:
+            return width / height
+        case found:
+            raise DynhairError(
+                f"the videos are not shown, for 'image_size' is {found!r}",
+                path=row.evaluation / "metrics.json",
+                expected="width and height of the evaluated images",
+                mend="evaluate this row again",
+            )

@@ -102,7 +102,7 @@ def _scene_part(comparison: Comparison, name: str, out: Path, problems: list[str
     stem = _stem(f"{comparison.table}_{name}")
     part.plots = _plots(comparison, stem, problems)
     pairs = []
-    for footage in find_footage(comparison):
+    for footage in find_footage(comparison, problems):
         film = _film(footage, f"{stem}_{_stem(footage.name)}", out, problems)
         if film is not None:
             part.films.append(film)
