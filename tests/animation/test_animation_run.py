@@ -161,7 +161,9 @@ def test_rigid_hair_looks_different(avatar: Path, tmp_path: Path) -> None:
 
 def test_what_an_avatar_without_its_capture_does_not_know_is_refused(avatar: Path, tmp_path: Path) -> None:
     for options in ({"motion": "jump"}, {"camera": "03"}):
-        with pytest.raises(DynhairError, match=r"nothing is known by the (motion|camera)(.|\n)*--capture"):
+        with pytest.raises(
+            DynhairError, match=r"nothing is known by the (motion|camera)(.|\n)*mend it: name the (camera's )?capture"
+        ):
             animate(avatar, tmp_path / "out", **options)
     assert list(tmp_path.iterdir()) == []
 

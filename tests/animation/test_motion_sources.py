@@ -13,12 +13,15 @@ from recordings import FPS, NEUTRAL, ORIGIN, REST, make_recording, smooth_motion
 from scipy.spatial.transform import Rotation
 
 from dynhair.animation import MOTIONS, RestPose, TimedMotion, driving_track, segment_motion, write_motion
+from dynhair.animation.capture_names import own_capture
 from dynhair.animation.expressions import carried_expressions
 from dynhair.animation.sources import names_segment
 from dynhair.avatar import Avatar
 from dynhair.capture import Capture, ExpressionBasis, HeadTrack
+from dynhair.config import preset
 from dynhair.errors import DynhairError
 from dynhair.training import capture_recording
+from dynhair.training.run import Run
 from synthetic import write_synthetic_capture
 
 BASIS = ExpressionBasis("Anny", ("jawOpen", "eyeBlinkLeft", "mouthSmile_R"))
@@ -119,6 +122,14 @@ def test_what_means_nothing_is_refused_with_all_that_would(capture: Capture) -> 
 def test_only_a_bare_name_wants_a_capture(capture: Capture) -> None:
     assert names_segment("random5")
     assert not any(map(names_segment, (*MOTIONS, "a.csv", "a.MP4", f"{capture.path}:wave")))
+
+
+def test_names_alone_are_of_the_capture_that_the_avatar_was_trained_on(capture: Capture, tmp_path: Path) -> None:
+    there = Run.create(tmp_path / "there", capture.path, preset("tiny"))
+    assert own_capture(there.path) == own_capture(there.avatar) == capture.path.resolve()
+    gone = Run.create(tmp_path / "gone", tmp_path / "nowhere", preset("tiny"))
+    assert own_capture(gone.path) is None
+    assert own_capture(tmp_path / "an avatar from elsewhere") is None
 
 
 def expressive(basis: ExpressionBasis | None, *rows: list[float], rest: list[float]) -> TimedMotion:

@@ -11,7 +11,7 @@ import torch
 from rich.console import Console
 
 from dynhair.animation import driving_track, read_motion
-from dynhair.avatar import Avatar
+from dynhair.avatar import Avatar, HeadMesh
 from dynhair.errors import DynhairError
 from dynhair.export.run import chosen_frames, run_export
 from dynhair.export.splats import Splats
@@ -102,6 +102,18 @@ def test_a_head_mesh_that_nobody_has_is_an_error_only_where_it_is_all(folder: Pa
     run_export(folder, tmp_path / "out", ["abc"], console=console)
     assert isinstance(console.file, StringIO)
     assert "without a head mesh" in console.file.getvalue()
+
+
+def test_the_head_mesh_that_an_avatar_keeps_needs_no_capture(tmp_path: Path) -> None:
+    avatar = make_avatar()
+    avatar.head_mesh = HeadMesh(0.1 * torch.rand(6, 3), torch.tensor([[0, 1, 2], [3, 4, 5]]))
+    avatar.save(tmp_path / "avatar")
+    run_export(tmp_path / "avatar", tmp_path / "out", ["head"], motion="nod", frames="0:2", console=quiet())
+    first, second = sorted((tmp_path / "out" / "head").iterdir())
+    lines = first.read_text().splitlines()
+    assert [line for line in lines if line.startswith("f ")] == ["f 1 2 3", "f 4 5 6"]
+    assert sum(line.startswith("v ") for line in lines) == 6
+    assert second.suffix == ".obj"
 
 
 def test_a_motion_that_nobody_knows_is_named(folder: Path, tmp_path: Path) -> None:

@@ -9,12 +9,12 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from dynhair.avatar import Avatar, head_pose
+from dynhair.avatar import Avatar, HeadMesh, head_pose
 from dynhair.avatar.spherical_harmonics import constant_coefficient
 from dynhair.editing.edits import Brightness, Thin, Width
 from dynhair.errors import DynhairError
+from dynhair.export.bound_mesh import BoundMesh
 from dynhair.export.colours import mean_colours, point_colours
-from dynhair.export.head_mesh import BoundMesh, HeadMesh
 from dynhair.export.root_uvs import root_uvs
 from dynhair.export.strand_motion import MotionFrame, point_taper, strand_motion
 from dynhair.strands import root_taper

@@ -21,6 +21,7 @@ from dynhair.config import write_config
 from dynhair.errors import DynhairError
 from dynhair.training.batches import Batch, Batches
 from dynhair.training.checkpoint import Checkpoint
+from dynhair.training.frames import rest_frame
 from dynhair.training.run import Run
 from dynhair.training.trainer import train
 from synthetic import write_synthetic_capture
@@ -56,6 +57,18 @@ def test_a_run_leaves_an_avatar_a_checkpoint_a_log_and_a_preview(capture: Path, 
     assert (trained / "preview.png").exists()
     assert list((trained / "log").glob("events.*"))
     assert not list(trained.glob(".*"))
+
+
+def test_an_avatar_keeps_the_tracked_mesh_as_it_was_at_rest(capture: Path, trained: Path) -> None:
+    data, avatar = Capture.open(capture), Avatar.load(trained / "avatar")
+    assert data.mesh is not None
+    assert avatar.head_mesh is not None
+    assert avatar.recording is not None
+    rest = avatar.recording.rest
+    found = avatar.head_mesh.vertices @ rest.rotation.T + rest.translation
+    segment, index = rest_frame(data)
+    torch.testing.assert_close(found, torch.from_numpy(data.vertices(segment.start + index)), atol=1e-5, rtol=0)
+    assert avatar.head_mesh.faces.tolist() == data.mesh.faces.tolist()
 
 
 def test_an_interrupted_run_goes_on_to_the_same_avatar(

@@ -13,6 +13,7 @@ from rich.console import Console
 from torch import Tensor
 
 from dynhair.animation.cameras import camera_path, names_camera
+from dynhair.animation.capture_names import own_capture
 from dynhair.animation.outputs import Beside, Film, FrameOutput, PictureFolder, Preview
 from dynhair.animation.sources import driving_track, names_segment
 from dynhair.avatar import Avatar
@@ -23,7 +24,7 @@ from dynhair.errors import DynhairError
 from dynhair.evaluation.protocol import DrivenHead
 from dynhair.progress import StageProgress
 from dynhair.threads import large_pieces
-from dynhair.training import avatar_folder, recording_of, trained_capture
+from dynhair.training import avatar_folder, recording_of
 
 
 @torch.no_grad()
@@ -79,7 +80,7 @@ def run_animation(
     if isinstance(head, Avatar):
         head = head.frozen()
     if capture is None and (names_segment(motion) or names_camera(camera)):
-        capture = _own_capture(avatar)
+        capture = own_capture(avatar)
     bars = StageProgress(console)
     with bars.shown():
         track = driving_track(
@@ -116,15 +117,6 @@ def run_animation(
     for path in written:
         console.print(f"wrote {path}", highlight=False, soft_wrap=True)
     return written
-
-
-def _own_capture(avatar: Path) -> Path | None:
-    """The capture that an avatar was trained on, if that is known and still there."""
-    try:
-        capture = trained_capture(avatar)
-    except DynhairError:
-        return None
-    return capture if capture.is_dir() else None
 
 
 def _drawn(

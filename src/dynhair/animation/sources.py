@@ -149,5 +149,5 @@ def _unknown(spec: str, capture: Path | str | None) -> DynhairError:
     return DynhairError(
         f"nothing is known by the motion `{spec}`",
         expected=f"{segments}CAPTURE:SEGMENT, one of {', '.join(MOTIONS)}, {kinds}",
-        mend="name the capture of a segment by --capture" if capture is None else None,
+        mend="name the capture of a segment with it, CAPTURE:SEGMENT" if capture is None else None,
     )

@@ -5,6 +5,7 @@ from dynhair.avatar.deformer import HairDeformer, PaperDeformer
 from dynhair.avatar.expression_modes import ExpressionModes
 from dynhair.avatar.hair import Hair
 from dynhair.avatar.head import Head, HeadGaussians, HeadStart
+from dynhair.avatar.head_mesh import HeadMesh
 from dynhair.avatar.head_pose import HeadPose, head_pose
 from dynhair.avatar.live import LiveAvatar
 from dynhair.avatar.modal import ModalDeformer
@@ -19,6 +20,7 @@ __all__ = [
     "HairDeformer",
     "Head",
     "HeadGaussians",
+    "HeadMesh",
     "HeadPose",
     "HeadStart",
     "LiveAvatar",

@@ -20,6 +20,7 @@ from dynhair.avatar.expression_match import require_expressions
 from dynhair.avatar.expression_modes import ExpressionModes
 from dynhair.avatar.hair import Hair
 from dynhair.avatar.head import Head, HeadGaussians, HeadStart
+from dynhair.avatar.head_mesh import HEAD_MESH, HeadMesh
 from dynhair.avatar.head_pose import HeadPose, head_pose
 from dynhair.avatar.layers import layers
 from dynhair.avatar.live import SETTLED, LiveAvatar
@@ -96,6 +97,7 @@ class Avatar(nn.Module):
 
     Attributes:
         edits: what is changed of the hair after it has been moved, see :meth:`edited`.
+        head_mesh: the tracked surface at rest, for other programs: nothing is drawn with it; None if it is not kept.
     """
 
     background: Tensor
@@ -118,6 +120,7 @@ class Avatar(nn.Module):
         self.expression_basis = expression_basis
         self.recording = recording
         self.edits: tuple[Edit, ...] = ()
+        self.head_mesh: HeadMesh | None = None
         self._edited_hair: EditedHair | None = None
         factor = head.config.super_resolution
         self.super_resolution = None if factor == 1 else SuperResolution(head.config.colour_channels, factor)
@@ -306,7 +309,7 @@ class Avatar(nn.Module):
         return own.expand(len(colours), -1, -1).index_copy(1, rows, covered)
 
     def save(self, path: Path | str) -> None:
-        """Write the avatar as a folder, atomically: ``avatar.json`` and ``avatar.safetensors``.
+        """Write the avatar as a folder, atomically: ``avatar.json``, ``avatar.safetensors`` and the head mesh, if any.
 
         Raises:
             DynhairError: it cannot be written, for want of space or otherwise.
@@ -321,7 +324,8 @@ class Avatar(nn.Module):
             "recording": None if self.recording is None else self.recording.to_json(),
             "edits": [edit.to_json() for edit in self.edits],
         }
-        save_model(self, path, KIND, description, version=SCHEMA_VERSION)
+        further = {} if self.head_mesh is None else {HEAD_MESH: self.head_mesh.to_tensors()}
+        save_model(self, path, KIND, description, version=SCHEMA_VERSION, further=further)
 
     @classmethod
     def load(cls, path: Path | str, device: torch.device | str = "cpu") -> Avatar:
@@ -330,7 +334,9 @@ class Avatar(nn.Module):
         Raises:
             DynhairError: a file is missing, damaged, of a later version, or does not fit the others.
         """
-        return load_model(path, KIND, cls._like, device, version=SCHEMA_VERSION)
+        avatar = load_model(path, KIND, cls._like, device, version=SCHEMA_VERSION)
+        avatar.head_mesh = HeadMesh.read(Path(path))
+        return avatar
 
     @classmethod
     def _like(cls, description: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> Avatar:

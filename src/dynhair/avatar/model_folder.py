@@ -22,7 +22,13 @@ M = TypeVar("M", bound=nn.Module)
 
 
 def save_model(
-    model: nn.Module, path: Path | str, kind: str, description: Mapping[str, Any], *, version: int = 1
+    model: nn.Module,
+    path: Path | str,
+    kind: str,
+    description: Mapping[str, Any],
+    *,
+    version: int = 1,
+    further: Mapping[str, Mapping[str, Tensor]] | None = None,
 ) -> None:
     """Write a model as a folder, atomically.
 
@@ -32,15 +38,18 @@ def save_model(
         kind: what it is.
         description: what else is needed to build a model that the tensors fit, as JSON values.
         version: of the kind.
+        further: names of other files of tensors, with what they hold.
 
     Raises:
         DynhairError: it cannot be written.
     """
-    tensors = {name: value.detach().cpu().contiguous() for name, value in model.state_dict().items()}
+    files = {TENSORS: model.state_dict(), **(further or {})}
     try:
         with atomic_folder(path) as folder:
             write_json(folder / DESCRIPTION, {"kind": kind, "version": version, **description})
-            safetensors.torch.save_file(tensors, folder / TENSORS)
+            for name, tensors in files.items():
+                kept = {key: value.detach().cpu().contiguous() for key, value in tensors.items()}
+                safetensors.torch.save_file(kept, folder / name)
     except (OSError, safetensors.SafetensorError) as error:
         raise DynhairError(
             f"the avatar cannot be written ({error}); the checkpoint of a run has all of it",

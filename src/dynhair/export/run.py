@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args
@@ -14,20 +13,21 @@ from rich.console import Console
 from rich.text import Text
 
 from dynhair.animation import driving_track, write_motion
+from dynhair.animation.capture_names import own_capture
 from dynhair.animation.sources import names_segment
-from dynhair.avatar import Avatar, PosedAvatar, Recording
-from dynhair.capture import Capture, HeadTrack
+from dynhair.avatar import Avatar, HeadMesh, PosedAvatar, Recording
+from dynhair.capture import HeadTrack
 from dynhair.errors import DynhairError
 from dynhair.export.compressed import write_compressed_splats
-from dynhair.export.head_mesh import HeadMesh
 from dynhair.export.mesh_sequences import write_mesh_sequence
 from dynhair.export.splats import Splats, write_splats
 from dynhair.export.strand_motion import MotionFrame, StrandMotion, strand_motion
 from dynhair.export.strand_sequences import StrandEnding, numbered, write_strand_sequence
 from dynhair.progress import Stage, StageProgress
 from dynhair.storage import atomic_folder
+from dynhair.training.head_mesh import head_mesh_of
 from dynhair.training.recording import recording_of
-from dynhair.training.run import avatar_folder, trained_capture
+from dynhair.training.run import avatar_folder
 
 Format = Literal["ply", "compressed", "usd", "abc", "blend", "hair", "data", "npz", "polylines", "head", "motion"]
 
@@ -103,14 +103,15 @@ def run_export(
 
     Raises:
         DynhairError: the avatar, the motion or the frames cannot be had; a program or library that a format needs is
-            not installed; or the format ``head`` is asked for, and the capture that has the mesh is not there.
+            not installed; or the format ``head`` is asked for, and neither the avatar has the mesh nor the capture that
+            it was trained on, or that is not there.
     """
     path, out, console = Path(path), Path(out), console or Console()
     _require_formats(formats)
     avatar, recording = Avatar.load(avatar_folder(path), device), recording_of(path)
     track = rest_track(recording, avatar) if motion is None else _track(motion, path, recording, avatar, console)
     chosen = chosen_frames(frames, len(track.rotations))
-    mesh = _head_mesh(path, "head" in formats, console) if WITH_HEAD_MESH & set(formats) else None
+    mesh = _head_mesh(avatar, path, "head" in formats, console) if WITH_HEAD_MESH & set(formats) else None
     strands = strand_motion(avatar, track, chosen, mesh=mesh, rigid_hair=rigid_hair)
     driven = Driven(avatar, recording, track, chosen, strands, rigid_hair)
     if avatar.super_resolution is not None and SPLATS & set(formats):
@@ -142,10 +143,7 @@ def _track(motion: str, path: Path, recording: Recording, avatar: Avatar, consol
     def note(text: str) -> None:
         console.print(Text(text, style="dim"), soft_wrap=True)
 
-    capture = None
-    if names_segment(motion):
-        with suppress(DynhairError):  # then it is the name that is wrong
-            capture = trained_capture(path)
+    capture = own_capture(path) if names_segment(motion) else None
     with StageProgress(console, lines=2).shown() as progress:
         return driving_track(motion, recording, avatar, capture=capture, progress=progress, note=note)
 
@@ -182,9 +180,9 @@ def _require_formats(formats: Sequence[str]) -> None:
         blender_program()
 
 
-def _head_mesh(path: Path, needed: bool, console: Console) -> HeadMesh | None:
+def _head_mesh(avatar: Avatar, path: Path, needed: bool, console: Console) -> HeadMesh | None:
     try:
-        return HeadMesh.of(Capture.open(trained_capture(path), cache_bytes=0))
+        return head_mesh_of(avatar, path)
     except DynhairError as error:
         if needed:
             raise

@@ -10,12 +10,12 @@ import torch
 from jaxtyping import Float, Float32, Float64, Int64
 from torch import Tensor
 
-from dynhair.avatar import Avatar, head_pose
+from dynhair.avatar import Avatar, HeadMesh, head_pose
 from dynhair.avatar.expression_match import require_expressions
 from dynhair.capture import HeadTrack
 from dynhair.errors import DynhairError
+from dynhair.export.bound_mesh import BoundMesh
 from dynhair.export.colours import mean_colours, point_colours
-from dynhair.export.head_mesh import BoundMesh, HeadMesh
 from dynhair.export.root_uvs import root_uvs
 
 

@@ -27,6 +27,7 @@ from dynhair.threads import keep_large_blocks, large_pieces
 from dynhair.training.batches import load_batch
 from dynhair.training.checkpoint import Checkpoint
 from dynhair.training.frames import pull_at_rest, rest_frame, training_cameras, training_segments
+from dynhair.training.head_mesh import capture_head_mesh
 from dynhair.training.head_on_mesh import start_head_on_mesh
 from dynhair.training.head_start import start_head
 from dynhair.training.joint_training import JointTraining
@@ -190,7 +191,9 @@ class _Training:
         background = torch.from_numpy(self.capture.background).float()
         layer = ScalpLayer.under(strands[:, 0], head.means.detach(), started.scalp)
         basis, recording = self.capture.expression_basis, capture_recording(self.capture)
-        return Avatar(hair, head, normalizer, background, layer, basis, recording), started.points, checkpoint
+        avatar = Avatar(hair, head, normalizer, background, layer, basis, recording)
+        avatar.head_mesh = capture_head_mesh(self.capture)
+        return avatar, started.points, checkpoint
 
     def _perceptual_distance(self) -> PerceptualDistance | None:
         """What images are compared by, if that has a weight; its network is fetched once, by the first process."""

@@ -9,42 +9,13 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from dynhair.avatar import Avatar, Head, HeadPose
-from dynhair.capture import Capture
+from dynhair.avatar import Avatar, Head, HeadMesh, HeadPose
 from dynhair.export.colours import mean_colours
 from dynhair.motion import so3_log
 
 NEIGHBOURS = 8
 LEAST_DISTANCE = 1e-3
 """Metres. Gaussians nearer than this to a vertex have equal shares in it."""
-
-
-@dataclass(frozen=True)
-class HeadMesh:
-    """The surface of head and shoulders in the frame in which the hair is at rest.
-
-    Attributes:
-        vertices: head frame, metres.
-        faces: triangles, counter-clockwise seen from outside.
-    """
-
-    vertices: Float[Tensor, "v 3"]
-    faces: Int64[Tensor, "f 3"]
-
-    @classmethod
-    def of(cls, capture: Capture) -> HeadMesh:
-        """The tracked mesh of the capture that an avatar was trained on, or the open head in its place.
-
-        Raises:
-            DynhairError: there is no mesh, and the rest frame's landmarks are missing or do not form a face.
-        """
-        from dynhair.training.frames import head_frame, rest_frame
-        from dynhair.training.surface import tracked_surface
-
-        surface = tracked_surface(capture)
-        segment, index = rest_frame(capture)
-        vertices = surface.vertices(segment.start + index)
-        return cls(head_frame(capture.track(segment), index)(vertices), surface.faces)
 
 
 @dataclass(frozen=True)
