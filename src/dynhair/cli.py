@@ -12,12 +12,12 @@ from tyro.conf import Positional, arg, subcommand
 
 from dynhair.ablations import ABLATIONS, AblationName
 from dynhair.cli_avatar import animate, edit, export, view
+from dynhair.comparison.methods import MethodName
+from dynhair.comparison.options import PresetName, RowOptions
 from dynhair.config import DeformerKind
 from dynhair.errors import DynhairError
 from dynhair.preprocess.options import ImportOptions, PreprocessOptions
 
-MethodName = Literal["ours", "rigid", "gha", "ga", "simulator", "simulator-tuned"]
-PresetName = Literal["tiny", "small", "medium", "paper"]
 StageName = Literal["static", "mesh", "dynamic"]
 
 
@@ -186,13 +186,9 @@ def evaluate(avatar: Positional[Path], capture: Positional[Path], out: Path | No
 def compare(
     capture: Positional[Path],
     out: Positional[Path],
-    preset: PresetName = "small",
-    iterations: int | None = None,
+    options: Annotated[RowOptions, arg(name="")],
     methods: tuple[MethodName, ...] = get_args(MethodName),
-    seeds: tuple[int, ...] = (0,),
     avatar: Path | None = None,
-    jobs: int | None = None,
-    memory: float | None = None,
 ) -> None:
     """Train and measure our method and others on one capture, all with the same split, steps and image sizes.
 
@@ -203,40 +199,21 @@ def compare(
     Args:
         capture: The capture's folder.
         out: Folder for the comparison: a run for each row, comparison.json, and the report.
-        preset: Sizes and iterations of all methods.
-        iterations: Steps of each training, if others than the preset's.
+        options: How rows are trained.
         methods: What to compare. Simulators need ours.
-        seeds: Each method is trained once with each of these.
         avatar: A trained run that is taken as ours; all others then have its configuration, whatever the preset.
-        jobs: How many rows run at once; one for each core by default, and one on a GPU.
-        memory: GB that all rows may take together; 80 % of what is free by default.
     """
     from dynhair.comparison.run import run_comparison
 
-    succeeded = run_comparison(
-        capture,
-        out,
-        preset=preset,
-        iterations=iterations,
-        methods=methods,
-        seeds=seeds,
-        avatar=avatar,
-        jobs=jobs,
-        memory=memory,
-    )
-    sys.exit(0 if succeeded else 1)
+    sys.exit(0 if run_comparison(capture, out, options, methods=methods, avatar=avatar) else 1)
 
 
 def ablate(
     capture: Positional[Path],
     out: Positional[Path],
-    preset: PresetName = "small",
-    iterations: int | None = None,
+    options: Annotated[RowOptions, arg(name="")],
     rows: tuple[AblationName, ...] = ABLATIONS,
-    seeds: tuple[int, ...] = (0,),
     deformer: DeformerKind | None = None,
-    jobs: int | None = None,
-    memory: float | None = None,
 ) -> None:
     """Train and measure our method, and what is left of it without each of its parts, as the paper's tables do.
 
@@ -247,28 +224,13 @@ def ablate(
     Args:
         capture: The capture's folder.
         out: Folder for the ablation: a run for each row, comparison.json, and the report.
-        preset: Sizes and iterations of all rows.
-        iterations: Steps of each training, if others than the preset's.
+        options: How rows are trained.
         rows: The parts, each of which is left out by one row; the whole method is a row by itself.
-        seeds: Each row is trained once with each of these.
         deformer: What moves the hair, if not as in the preset; pose, no-film, mlp-encoder are of paper's alone.
-        jobs: How many rows run at once; one for each core by default, and one on a GPU.
-        memory: GB that all rows may take together; 80 % of what is free by default.
     """
     from dynhair.comparison.run import run_ablation
 
-    succeeded = run_ablation(
-        capture,
-        out,
-        preset=preset,
-        iterations=iterations,
-        rows=rows,
-        seeds=seeds,
-        deformer=deformer,
-        jobs=jobs,
-        memory=memory,
-    )
-    sys.exit(0 if succeeded else 1)
+    sys.exit(0 if run_ablation(capture, out, options, rows=rows, deformer=deformer) else 1)
 
 
 def report(folders: Positional[tuple[Path, ...]], out: Path = Path("report")) -> None:

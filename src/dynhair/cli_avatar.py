@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
+from dynhair.edit_options import EditOptions
+
 FormatName = Literal["ply", "compressed", "usd", "abc", "blend", "hair", "data", "npz", "polylines", "head", "motion"]
 
 
@@ -63,61 +65,19 @@ def animate(
     )
 
 
-def edit(
-    avatar: Positional[Path],
-    out: Path | None = None,
-    brightness: float | None = None,
-    tint: str | None = None,
-    tint_strength: float = 1.0,
-    trim: float | None = None,
-    longest: float | None = None,
-    length_of: str | None = None,
-    thin: float | None = None,
-    width: float | None = None,
-    region: str = "all",
-    list_only: Annotated[bool, arg(name="list")] = False,
-    undo: int = 0,
-    clear: bool = False,
-) -> None:
+def edit(avatar: Positional[Path], options: Annotated[EditOptions, arg(name="")], out: Path | None = None) -> None:
     """Edit the hair: colour, length, density, width, of all of it or of a region. Edits are kept and can be taken back.
 
     They are applied in the order of the options below. Asked for none, it lists those that there are.
 
     Args:
         avatar: The avatar's folder, or the run's.
+        options: Edits to take back, and new ones.
         out: A new folder for the edited avatar; in place by default.
-        brightness: Factor on the hair's colours.
-        tint: Colour whose hue and saturation the hair is to have: R,G,B in [0, 1], or #rrggbb.
-        tint_strength: From 0 to 1.
-        trim: Share of each strand's length to keep.
-        longest: Metres to which longer strands are cut.
-        length_of: Region to whose median length longer strands are cut.
-        thin: Share of the strands to keep.
-        width: Factor on the strands' width.
-        region: Strands that are edited: all, front (or fringe), top, left, right, sides, back,
-            box:x0,x1,y0,y1,z0,z1, sphere:x,y,z,radius (head frame, metres), ids:1,5-20 or ids:FILE.
-        list_only: List the edits, and do nothing else.
-        undo: How many of the last edits to take back, before the new ones.
-        clear: Take all edits back, before the new ones.
     """
     from dynhair.editing.run import run_edit
 
-    run_edit(
-        avatar,
-        out=out,
-        brightness=brightness,
-        tint=tint,
-        tint_strength=tint_strength,
-        trim=trim,
-        longest=longest,
-        length_of=length_of,
-        thin=thin,
-        width=width,
-        region=region,
-        list_only=list_only,
-        undo=undo,
-        clear=clear,
-    )
+    run_edit(avatar, options, out=out)
 
 
 def export(

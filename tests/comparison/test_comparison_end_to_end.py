@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from dynhair.comparison.options import RowOptions
 from dynhair.comparison.record import Comparison
 from dynhair.comparison.run import run_ablation, run_comparison
 from dynhair.config import PRESETS, Config, DeformerConfig, HairConfig, HeadConfig, StaticConfig, TrainingConfig
@@ -46,11 +47,8 @@ def test_two_rows_are_trained_alike_and_measured(tmp_path: Path, monkeypatch: py
         return run_ablation(
             capture,
             out,
-            preset="tiny",
-            iterations=6,
+            RowOptions("tiny", iterations=6, jobs=2, memory=16.0),
             rows=["rigid"],
-            jobs=2,
-            memory=16.0,
             console=console,
             command=without_downloads,
         )
@@ -85,11 +83,8 @@ def test_methods_without_strands_are_trained_and_measured(tmp_path: Path, monkey
     succeeded = run_comparison(
         capture,
         out,
-        preset="tiny",
-        iterations=4,
+        RowOptions("tiny", iterations=4, jobs=2, memory=16.0),
         methods=["gha", "ga"],
-        jobs=2,
-        memory=16.0,
         console=console,
         command=without_downloads,
     )

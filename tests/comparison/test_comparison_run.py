@@ -17,6 +17,7 @@ from stand_in import order, stand_in, states
 
 import dynhair.report
 from dynhair.comparison.folder_lock import locked
+from dynhair.comparison.options import RowOptions
 from dynhair.comparison.record import COMPARISON, Comparison
 from dynhair.comparison.run import run_ablation, run_comparison
 from dynhair.config import preset
@@ -51,20 +52,24 @@ def ablate(capture: Path, out: Path, *rows: str, seeds: Sequence[int] = (0,), co
     return run_ablation(
         capture,
         out,
-        preset="tiny",
-        iterations=9,
+        RowOptions("tiny", iterations=9, seeds=tuple(seeds), jobs=2, memory=8.0),
         rows=chosen,  # pyright: ignore[reportArgumentType]
-        seeds=seeds,
-        jobs=2,
-        memory=8.0,
         console=console or quiet(),
         command=stand_in,
     )
 
 
 def compare(capture: Path, out: Path, methods: Sequence[str], avatar: Path | None = None, **options: object) -> bool:
-    asked = {"preset": "tiny", "jobs": 2, "memory": 8.0, "console": quiet(), "command": stand_in, **options}
-    return run_comparison(capture, out, methods=methods, avatar=avatar, **asked)  # pyright: ignore[reportArgumentType]
+    options = {"preset": "tiny", "jobs": 2, "memory": 8.0, **options}
+    return run_comparison(
+        capture,
+        out,
+        RowOptions(**options),  # pyright: ignore[reportArgumentType]
+        methods=methods,  # pyright: ignore[reportArgumentType]
+        avatar=avatar,
+        console=quiet(),
+        command=stand_in,
+    )
 
 
 def trained_run(capture: Path, path: Path, seed: int = 4) -> Path:
@@ -137,7 +142,7 @@ def test_another_comparison_in_the_folder_is_refused_by_name(
     with pytest.raises(DynhairError, match=r"table ablations \(asked for: baselines\)"):
         compare(capture, out, ["ours"], iterations=9)
     with pytest.raises(DynhairError, match=r"training\.iterations 9 \(asked for: 8\)"):
-        run_ablation(capture, out, preset="tiny", iterations=8, console=quiet(), command=stand_in)
+        run_ablation(capture, out, RowOptions("tiny", iterations=8), console=quiet(), command=stand_in)
 
 
 def test_an_ablation_of_what_the_preset_does_not_have_is_left_out(
@@ -153,7 +158,7 @@ def test_an_ablation_of_what_the_preset_does_not_have_is_left_out(
 def test_a_trained_run_is_ours_and_sets_the_terms(capture: Path, tmp_path: Path, reports: list[Path]) -> None:
     out, run = tmp_path / "out", trained_run(capture, tmp_path / "run")
     for _ in range(2):
-        assert compare(capture, out, ["rigid", "gha"], run, seeds=[4])
+        assert compare(capture, out, ["rigid", "gha"], run, seeds=(4,))
     assert states(out) == {
         "hair-seed4": "done",
         "ours-seed4": "done",
@@ -176,14 +181,14 @@ def test_a_run_that_is_no_match_is_refused(capture: Path, tmp_path: Path) -> Non
     other = write_synthetic_capture(tmp_path / "other", frames=2, views=2, size=16)
     for message, asked in (
         ("seed is 4", {"capture": capture}),
-        ("trained for 77 steps", {"capture": capture, "seeds": [4], "iterations": 5}),
-        ("was trained on", {"capture": other, "seeds": [4]}),
+        ("trained for 77 steps", {"capture": capture, "seeds": (4,), "iterations": 5}),
+        ("was trained on", {"capture": other, "seeds": (4,)}),
     ):
         with pytest.raises(DynhairError, match=message):
             compare(asked.pop("capture"), tmp_path / "out", ["ours"], run, **asked)
     (run / "avatar" / "avatar.json").unlink()
     with pytest.raises(DynhairError, match="no avatar yet"):
-        compare(capture, tmp_path / "out", ["ours"], run, seeds=[4])
+        compare(capture, tmp_path / "out", ["ours"], run, seeds=(4,))
     assert not (tmp_path / "out").exists()
 
 
@@ -191,11 +196,11 @@ def test_a_run_cannot_take_the_place_of_a_row_that_has_begun(
     capture: Path, tmp_path: Path, reports: list[Path]
 ) -> None:
     run = trained_run(capture, tmp_path / "run")
-    assert compare(capture, tmp_path / "out", ["gha"], run, seeds=[4])
+    assert compare(capture, tmp_path / "out", ["gha"], run, seeds=(4,))
     (tmp_path / "out" / "ours-seed4" / "avatar" / "avatar.json").unlink()
     (tmp_path / "out" / "ours-seed4" / "avatar").rmdir()
     with pytest.raises(DynhairError, match="has begun"):
-        compare(capture, tmp_path / "out", ["gha"], run, seeds=[4])
+        compare(capture, tmp_path / "out", ["gha"], run, seeds=(4,))
 
 
 def test_what_is_no_capture_leaves_nothing_behind(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from PIL import Image
 from rich.console import Console
 
 from dynhair.avatar import Avatar, Recording, head_pose
+from dynhair.edit_options import EditOptions
 from dynhair.editing import Brightness, Thin, Tint, Trim, Width
 from dynhair.editing.run import run_edit
 from dynhair.errors import DynhairError
@@ -36,9 +37,10 @@ def printed(console: Console) -> str:
 
 def test_edits_are_appended_listed_and_pictured(folder: Path) -> None:
     tensors = (folder / "avatar.safetensors").read_bytes()
-    run_edit(folder, brightness=0.7, trim=0.8, region="left", console=quiet())
+    run_edit(folder, EditOptions(brightness=0.7, trim=0.8, region="left"), console=quiet())
     console = quiet()
-    edits = run_edit(folder, tint="#b3202a", tint_strength=0.5, thin=0.5, width=1.5, longest=0.05, console=console)
+    options = EditOptions(tint="#b3202a", tint_strength=0.5, thin=0.5, width=1.5, longest=0.05)
+    edits = run_edit(folder, options, console=console)
     assert edits == (
         Brightness(0.7, region="left"),
         Trim(0.8, region="left"),
@@ -59,39 +61,39 @@ def test_edits_are_appended_listed_and_pictured(folder: Path) -> None:
 
 def test_edits_are_taken_back(folder: Path) -> None:
     description = json.loads((folder / "avatar.json").read_text())
-    run_edit(folder, brightness=0.7, trim=0.8, width=2.0, console=quiet())
-    assert run_edit(folder, undo=1, console=quiet()) == (Brightness(0.7), Trim(0.8))
+    run_edit(folder, EditOptions(brightness=0.7, trim=0.8, width=2.0), console=quiet())
+    assert run_edit(folder, EditOptions(undo=1), console=quiet()) == (Brightness(0.7), Trim(0.8))
     # back and on in one go
-    assert run_edit(folder, undo=1, trim=0.5, console=quiet()) == (Brightness(0.7), Trim(0.5))
+    assert run_edit(folder, EditOptions(undo=1, trim=0.5), console=quiet()) == (Brightness(0.7), Trim(0.5))
     with pytest.raises(DynhairError, match="3 edits cannot be taken back\nexpected: 0 to 2"):
-        run_edit(folder, undo=3, console=quiet())
-    assert run_edit(folder, clear=True, console=quiet()) == ()
+        run_edit(folder, EditOptions(undo=3), console=quiet())
+    assert run_edit(folder, EditOptions(clear=True), console=quiet()) == ()
     assert json.loads((folder / "avatar.json").read_text()) == description
 
 
 def test_listing_writes_nothing(folder: Path) -> None:
-    run_edit(folder, brightness=0.7, console=quiet())
+    run_edit(folder, EditOptions(brightness=0.7), console=quiet())
     (folder.parent / "edit.png").unlink()
     before = (folder / "avatar.json").stat().st_mtime_ns
     for only in (True, False):
         console = quiet()
-        assert run_edit(folder, list_only=only, console=console) == (Brightness(0.7),)
+        assert run_edit(folder, EditOptions(list_only=only), console=console) == (Brightness(0.7),)
         assert "brightness x 0.7" in printed(console)
     assert (folder / "avatar.json").stat().st_mtime_ns == before
     assert not (folder.parent / "edit.png").exists()
     with pytest.raises(DynhairError, match="listed, and changed"):
-        run_edit(folder, list_only=True, undo=1, console=quiet())
+        run_edit(folder, EditOptions(list_only=True, undo=1), console=quiet())
 
 
 def test_an_edited_copy_leaves_the_original(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "there" / "short"
-    run_edit(folder, trim=0.5, out=out, console=quiet())
+    run_edit(folder, EditOptions(trim=0.5), out=out, console=quiet())
     assert Avatar.load(folder).edits == ()
     assert Avatar.load(out).edits == (Trim(0.5),)
     assert (out / "avatar.safetensors").read_bytes() == (folder / "avatar.safetensors").read_bytes()
     assert (out.parent / "edit.png").exists()
     with pytest.raises(DynhairError, match="something already"):
-        run_edit(folder, trim=0.5, out=out, console=quiet())
+        run_edit(folder, EditOptions(trim=0.5), out=out, console=quiet())
 
 
 def test_an_avatar_that_knows_no_recording_is_edited_without_a_picture(folder: Path) -> None:
@@ -99,7 +101,7 @@ def test_an_avatar_that_knows_no_recording_is_edited_without_a_picture(folder: P
     avatar.recording = None
     avatar.save(folder)
     console = quiet()
-    run_edit(folder, trim=0.5, console=console)
+    run_edit(folder, EditOptions(trim=0.5), console=console)
     assert "n/a: a picture" in printed(console)
     assert Avatar.load(folder).edits == (Trim(0.5),)
 
@@ -110,10 +112,10 @@ def test_an_avatar_that_knows_no_recording_is_edited_without_a_picture(folder: P
 def test_what_is_refused_changes_nothing(options: dict, folder: Path) -> None:
     before = (folder / "avatar.json").read_bytes()
     with pytest.raises(DynhairError):
-        run_edit(folder, console=quiet(), **options)
+        run_edit(folder, EditOptions(**options), console=quiet())
     assert (folder / "avatar.json").read_bytes() == before
 
 
 def test_what_is_no_avatar_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DynhairError, match="no such folder"):
-        run_edit(tmp_path / "none", trim=0.5, console=quiet())
+        run_edit(tmp_path / "none", EditOptions(trim=0.5), console=quiet())

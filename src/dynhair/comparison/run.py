@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
+from typing import get_args
 
 import torch
 from rich.console import Console
@@ -14,6 +15,7 @@ from dynhair.capture import Capture
 from dynhair.comparison.budget import MemoryEstimates, memory_budget, stated_memory
 from dynhair.comparison.folder_lock import locked
 from dynhair.comparison.methods import HAIR, MethodName, changes_nothing, row_name
+from dynhair.comparison.options import RowOptions
 from dynhair.comparison.plan import ablated_rows, compared_rows, measured_memory, tasks
 from dynhair.comparison.record import Comparison, Row, TableName
 from dynhair.comparison.rows import done, take_avatar, take_hair
@@ -26,21 +28,17 @@ from dynhair.threads import thread_count
 from dynhair.training.run import Run
 from dynhair.training.trainer import with_precision
 
-METHODS: tuple[MethodName, ...] = ("ours", "rigid", "gha", "ga", "simulator", "simulator-tuned")
+METHODS: tuple[MethodName, ...] = get_args(MethodName)
 REPORT = "report"
 
 
 def run_comparison(
     capture: Path,
     out: Path,
+    options: RowOptions,
     *,
-    preset: str = "small",
-    iterations: int | None = None,
     methods: Sequence[MethodName] = METHODS,
-    seeds: Sequence[int] = (0,),
     avatar: Path | None = None,
-    jobs: int | None = None,
-    memory: float | None = None,
     console: Console | None = None,
     command: Command = row_command,
 ) -> bool:
@@ -51,13 +49,9 @@ def run_comparison(
     Args:
         capture: the capture's folder.
         out: the comparison's folder.
-        preset: sizes and iterations of all methods.
-        iterations: steps, if others than the preset's.
+        options: how rows are trained.
         methods: which.
-        seeds: each method is trained once with each.
         avatar: a trained run that is taken as ours; all others then have its configuration.
-        jobs: how many rows run at once; one for each core by default, and one on a GPU.
-        memory: GB that all rows may take together; 80 % of what is free by default.
         console: where progress is shown.
         command: what makes a row.
 
@@ -69,28 +63,24 @@ def run_comparison(
         DynhairError: the capture or the run cannot be read; ``out`` holds a comparison of something else; another
             process is at work there.
     """
-    run = None if avatar is None else _trained_run(avatar, capture, seeds, iterations)
+    run = None if avatar is None else _trained_run(avatar, capture, options)
     if run is None:
-        config = chosen_config(preset, None, iterations, None)
+        config, preset = chosen_config(options.preset, None, options.iterations, None), options.preset
     else:
         config, preset = run.config, _preset_of(run.config)
         if "ours" not in methods:
             methods = ("ours", *methods)
-    asked = _asked("baselines", capture, out, preset, config, compared_rows(methods, seeds))
-    return _finish(asked, jobs, memory, console or Console(), command, run)
+    asked = _asked("baselines", capture, out, preset, config, compared_rows(methods, options.seeds))
+    return _finish(asked, options, console or Console(), command, run)
 
 
 def run_ablation(
     capture: Path,
     out: Path,
+    options: RowOptions,
     *,
-    preset: str = "small",
-    iterations: int | None = None,
     rows: Sequence[AblationName] = ABLATIONS,
-    seeds: Sequence[int] = (0,),
     deformer: DeformerKind | None = None,
-    jobs: int | None = None,
-    memory: float | None = None,
     console: Console | None = None,
     command: Command = row_command,
 ) -> bool:
@@ -99,13 +89,9 @@ def run_ablation(
     Args:
         capture: the capture's folder.
         out: the comparison's folder.
-        preset: sizes and iterations of all rows.
-        iterations: steps, if others than the preset's.
+        options: how rows are trained.
         rows: the parts; those that the preset does not have are left out, which is said.
-        seeds: each row is trained once with each.
         deformer: what moves the hair, if not as in the preset.
-        jobs: as in :func:`run_comparison`.
-        memory: as in :func:`run_comparison`.
         console: where progress is shown.
         command: what makes a row.
 
@@ -116,15 +102,15 @@ def run_ablation(
         KeyboardInterrupt: Ctrl-C was pressed; rows have saved what they had.
         DynhairError: as for :func:`run_comparison`.
     """
-    console = console or Console()
-    config = chosen_config(preset, None, iterations, None, deformer)
+    console, preset = console or Console(), options.preset
+    config = chosen_config(preset, None, options.iterations, None, deformer)
     for name in [name for name in rows if changes_nothing(config, name)]:
         console.print(
             f"{name} is left out: preset {preset} does not have what it takes away.", highlight=False, soft_wrap=True
         )
     chosen = [name for name in rows if not changes_nothing(config, name)]
-    asked = _asked("ablations", capture, out, preset, config, ablated_rows(chosen, seeds))
-    return _finish(asked, jobs, memory, console, command)
+    asked = _asked("ablations", capture, out, preset, config, ablated_rows(chosen, options.seeds))
+    return _finish(asked, options, console, command)
 
 
 def _asked(table: TableName, capture: Path, out: Path, preset: str, config: Config, rows: list[Row]) -> Comparison:
@@ -138,12 +124,7 @@ def _asked(table: TableName, capture: Path, out: Path, preset: str, config: Conf
 
 
 def _finish(
-    asked: Comparison,
-    jobs: int | None,
-    memory: float | None,
-    console: Console,
-    command: Command,
-    ours: Run | None = None,
+    asked: Comparison, options: RowOptions, console: Console, command: Command, ours: Run | None = None
 ) -> bool:
     """Make the rows that are asked for, and the report on all that the folder has."""
     names = list(asked.rows)
@@ -154,8 +135,8 @@ def _finish(
         left = tasks(comparison, names)
         estimates = MemoryEstimates(stated_memory(comparison.config), measured_memory(comparison))
         cores = thread_count()
-        at_once = jobs or (1 if torch.cuda.is_available() else cores)
-        schedule = Schedule(left, at_once, memory_budget(memory), estimates)
+        at_once = options.jobs or (1 if torch.cuda.is_available() else cores)
+        schedule = Schedule(left, at_once, memory_budget(options.memory), estimates)
         threads = max(cores // max(min(at_once, len(left)), 1), 1)
         try:
             Workers(comparison, schedule, estimates, threads, console, command=command, inherited=[lock]).finish()
@@ -188,7 +169,7 @@ def _begun(asked: Comparison) -> Comparison:
     return comparison
 
 
-def _trained_run(path: Path, capture: Path, seeds: Sequence[int], iterations: int | None) -> Run:
+def _trained_run(path: Path, capture: Path, options: RowOptions) -> Run:
     """The run that is taken as ours.
 
     Raises:
@@ -200,15 +181,15 @@ def _trained_run(path: Path, capture: Path, seeds: Sequence[int], iterations: in
         raise DynhairError("the run has no avatar yet", path=path, mend=f"dynhair train ... --out {path} --resume")
     if run.capture != capture.resolve():
         raise DynhairError(f"the run was trained on {run.capture}", path=path, expected=str(capture.resolve()))
-    if trained.seed not in seeds:
+    if trained.seed not in options.seeds:
         raise DynhairError(
-            f"the run's seed is {trained.seed}", path=path, expected=f"one of {', '.join(map(str, seeds))}"
+            f"the run's seed is {trained.seed}", path=path, expected=f"one of {', '.join(map(str, options.seeds))}"
         )
-    if iterations not in (None, trained.iterations):
+    if options.iterations not in (None, trained.iterations):
         raise DynhairError(
             f"the run was trained for {trained.iterations} steps",
             path=path,
-            expected=f"{iterations}, as asked for by --iterations",
+            expected=f"{options.iterations}, as asked for by --iterations",
             mend="leave out --iterations: all others are then trained for as long as this run",
         )
     return run

@@ -13,8 +13,8 @@ from rich.text import Text
 from dynhair.animation.procedural import SWEEP, WIND_UP, motion
 from dynhair.avatar import Avatar, Recording
 from dynhair.avatar.model_folder import DESCRIPTION
+from dynhair.edit_options import EditOptions
 from dynhair.editing.edits import Brightness, Edit, Thin, Tint, Trim, Width
-from dynhair.editing.regions import WHOLE
 from dynhair.errors import DynhairError
 from dynhair.evaluation.pictures import picture
 from dynhair.pictures import Picture, grid
@@ -28,20 +28,9 @@ PICTURE = "edit.png"
 @torch.no_grad()
 def run_edit(
     avatar: Path | str,
+    options: EditOptions,
     *,
     out: Path | str | None = None,
-    brightness: float | None = None,
-    tint: str | None = None,
-    tint_strength: float = 1.0,
-    trim: float | None = None,
-    longest: float | None = None,
-    length_of: str | None = None,
-    thin: float | None = None,
-    width: float | None = None,
-    region: str = WHOLE,
-    list_only: bool = False,
-    undo: int = 0,
-    clear: bool = False,
     device: torch.device | str = "cpu",
     console: Console | None = None,
 ) -> tuple[Edit, ...]:
@@ -49,23 +38,12 @@ def run_edit(
 
     Edits are kept in the avatar's description and applied whenever it is posed; its tensors stay as they are. Asked for
     nothing, it prints the edits that there are. First of all edits are taken back, if that is asked for; then the new
-    ones follow in the order of the arguments below.
+    ones follow in the order of the options.
 
     Args:
         avatar: the avatar's folder, or its run's.
+        options: what is asked for; regions as :func:`~dynhair.editing.regions.parse_region` reads them.
         out: a new folder for the edited avatar; in place by default.
-        brightness: factor on the hair's colours.
-        tint: ``R,G,B`` in [0, 1] or ``#rrggbb``: hue and saturation that the hair is to have.
-        tint_strength: from 0 to 1.
-        trim: share of each strand's length to keep.
-        longest: metres to which longer strands are cut.
-        length_of: region to whose median length longer strands are cut.
-        thin: share of the strands to keep.
-        width: factor on the strands' width.
-        region: strands that the new edits change, see :func:`~dynhair.editing.regions.parse_region`.
-        list_only: print the edits, and do nothing else.
-        undo: how many of the last edits to take back.
-        clear: take all edits back.
         device: where the pictures are drawn.
         console: where the list goes; standard output when left out.
 
@@ -77,32 +55,35 @@ def run_edit(
             are not so many edits to take back.
     """
     console, folder = console or Console(), avatar_folder(Path(avatar))
-    added: list[Edit] = []
-    if brightness is not None:
-        added.append(Brightness(brightness, region=region))
-    if tint is not None:
-        added.append(Tint(tint, tint_strength, region=region))
-    added += [
-        Trim(keep, metres, like, region=region)
-        for keep, metres, like in ((trim, None, None), (None, longest, None), (None, None, length_of))
-        if (keep, metres, like) != (None, None, None)
-    ]
-    if thin is not None:
-        added.append(Thin(thin, region=region))
-    if width is not None:
-        added.append(Width(width, region=region))
-    changing = bool(added or undo or clear)
-    if list_only and (changing or out is not None):
+    added = _new_edits(options)
+    changing = bool(added or options.undo or options.clear)
+    if options.list_only and (changing or out is not None):
         raise DynhairError("edits are to be listed, and changed as well", expected="one of the two")
 
     edited = Avatar.load(folder, device)
     if changing or out is not None:
-        edited = edited.with_edits((*_kept(edited.edits, undo, clear), *added))
+        edited = edited.with_edits((*_kept(edited.edits, options.undo, options.clear), *added))
         folder = _write(edited, folder, out)
     _print(edited, folder, console)
     if changing or out is not None:
         _picture(edited, Path(avatar), folder.parent / PICTURE, console)
     return edited.edits
+
+
+def _new_edits(options: EditOptions) -> list[Edit]:
+    region = options.region
+    trims = (options.trim, None, None), (None, options.longest, None), (None, None, options.length_of)
+    edits: list[Edit] = []
+    if options.brightness is not None:
+        edits.append(Brightness(options.brightness, region=region))
+    if options.tint is not None:
+        edits.append(Tint(options.tint, options.tint_strength, region=region))
+    edits += [Trim(*trim, region=region) for trim in trims if trim != (None, None, None)]
+    if options.thin is not None:
+        edits.append(Thin(options.thin, region=region))
+    if options.width is not None:
+        edits.append(Width(options.width, region=region))
+    return edits
 
 
 def _kept(edits: Sequence[Edit], undo: int, clear: bool) -> Sequence[Edit]:
