@@ -38,7 +38,7 @@ from dynhair.render import cpu
 from dynhair.threads import keep_large_blocks, large_pieces
 from dynhair.training import avatar_folder, capture_recording, recording_of
 from stopwatch import Stopwatch
-from training_step import started
+from untrained import started
 
 WARM_UP = 2
 AMPLITUDE = 0.2  # of each expression coefficient

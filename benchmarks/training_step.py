@@ -24,32 +24,26 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # before torch starts its t
 import torch
 from rich.console import Console
 from rich.table import Table
-from torch import Tensor, nn
+from torch import nn
 from torch.nn import functional
 
-from dynhair.avatar import Avatar, Hair, ScalpLayer
 from dynhair.avatar import avatar as avatar_module
-from dynhair.avatar.mlp import quick_precision, use_precision
 from dynhair.capture import Capture
 from dynhair.config import PRESETS, Config, preset
 from dynhair.demo import sample_capture
-from dynhair.motion import SignalNormalizer, motion_signals
 from dynhair.render import cpu, kernels
-from dynhair.strands import sample_roots
 from dynhair.threads import keep_large_blocks, large_pieces
 from dynhair.training import contact as contact_module
 from dynhair.training import objective as objective_module
 from dynhair.training.batches import Batch, Batches
-from dynhair.training.frames import head_frame, rest_frame, training_segments
-from dynhair.training.head_start import start_head
+from dynhair.training.frames import training_segments
 from dynhair.training.joint_optimizer import joint_optimizer
 from dynhair.training.joint_training import GRADIENT_NORM
 from dynhair.training.objective import JointObjective
-from dynhair.training.surface import tracked_surface
 from stopwatch import Stopwatch
+from untrained import started
 
 WARM_UP = 2
-HANGING = 0.25  # metres
 MIB = 2**20
 MAPS = ("hair", "body", "orientation", "coherence")
 PROJECTION, BLEND, OPTIMIZER, REST = "projection and binning", "blend", "optimizer", "other losses"
@@ -180,29 +174,6 @@ def watch(stopwatch: Stopwatch, objective: JointObjective) -> None:
             stopwatch.watch(objective_module, name, f"loss: {name.removesuffix('_loss')}")
     stopwatch.watch(objective_module, "agreed_colours", "loss: agreed colours")
     stopwatch.watch(contact_module, "depth_loss", "loss: penetration")  # after the query, which another thread makes
-
-
-def started(capture: Capture, config: Config) -> JointObjective:
-    """The objective before its first step, in the precision that training would choose."""
-    segments = training_segments(capture)
-    start = start_head(capture, config.head, 0)
-    strands = hanging_strands(capture, config.hair.strands, config.hair.points)
-    hair = Hair(strands, 0.001, torch.full((3,), 0.3), config.hair.deformer)
-    normalizer = SignalNormalizer.fit([motion_signals(capture.track(segment)) for segment in segments])
-    scalp = ScalpLayer.under(strands[:, 0], start.head.means.detach(), start.scalp)
-    avatar = Avatar(hair, start.head, normalizer, torch.zeros(3), scalp)
-    use_precision(avatar, quick_precision(torch.device("cpu")))
-    return JointObjective(avatar, capture, segments, start.points, config.training)
-
-
-def hanging_strands(capture: Capture, count: int, points: int) -> Tensor:
-    """Strands straight down from the scalp in the rest frame, head frame, metres."""
-    surface = tracked_surface(capture)
-    segment, index = rest_frame(capture)
-    vertices = head_frame(capture.track(segment), index)(surface.vertices(segment.start + index))
-    roots = sample_roots(vertices, surface.faces, surface.scalp, count, 0).positions(vertices)
-    down = torch.linspace(0, HANGING, points)[:, None] * torch.tensor([0.0, -1.0, 0.0])
-    return roots[:, None] + down
 
 
 def enlarged(batch: Batch, longer: int, views: int) -> Batch:
