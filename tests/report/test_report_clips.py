@@ -66,6 +66,14 @@ def test_a_broken_video_is_refused(tmp_path: Path) -> None:
         clip.length()
 
 
+def test_a_video_that_ends_early_is_refused(tmp_path: Path) -> None:
+    write_video(tmp_path / "v.mp4", "gha")
+    clip = Clip(tmp_path / "v.mp4", 1, ASPECT)
+    assert len(clip.some_frames([0, 2])) == 2
+    with pytest.raises(DynhairError, match=f"ends before its frame {FRAMES}"):
+        clip.some_frames([0, FRAMES])
+
+
 def test_a_clip_alone_shows_the_method_and_nothing_else(tmp_path: Path) -> None:
     write_video(tmp_path / "v.mp4", "ours")
     write_clip(Clip(tmp_path / "v.mp4", 1, ASPECT), tmp_path / "clip.mp4")

@@ -29,7 +29,7 @@ def table(folder: Path, layout: int = 0, *, kind: str = "baselines") -> Table:
         made_row(folder, "ours", figures),
         made_row(folder, "ours", figures | {"psnr": 22.0}, seed=1),
         made_row(folder, "gha", figures | {"hair_tiou": None}, label=SPECIAL, reasons={"hair_tiou": "no | hair"}),
-        made_row(folder, "ga", {}, state="failed", error="out of memory"),
+        made_row(folder, "ga", {}, state="failed", error="out of memory\nmend: fewer"),
     ]
     comparison = Comparison.open(made_comparison(folder, rows, table=kind))
     filled = fill(LAYOUTS[comparison.table][layout], Scene.of(comparison, "long_hair"))
@@ -85,7 +85,7 @@ def test_a_table_shows_figures_as_the_paper_does(tmp_path: Path) -> None:
     assert (gha.cells[tiou].text, gha.cells[tiou].reason) == ("n/a", "no | hair")
     assert ours.cells[flicker].text == "-0.0100"
     assert ga.cells == ()
-    assert ga.problem == "failed: out of memory"
+    assert ga.problem == "failed: out of memory\nmend: fewer"
     assert filled.truth[tiou] == "0.900"
     assert filled.goals[tiou] is Goal.TRUTH
     assert filled.goals[keys.index("hair_velocity")] is Goal.NONE
@@ -137,7 +137,7 @@ def test_csv_holds_the_unrounded_values(tmp_path: Path) -> None:
             spread = row[f"{column.key}_spread"]
             assert (float(spread) if spread else None) == cell.deviation
     assert rows[0]["psnr"] == "21.5"
-    assert rows[2]["state"] == "failed: out of memory"
+    assert rows[2]["state"] == "failed: out of memory\nmend: fewer"
     assert rows[2]["psnr"] == ""
 
 
@@ -151,7 +151,7 @@ def test_markdown_is_a_table_with_marks_and_notes(tmp_path: Path) -> None:
     assert cells[2][:2] == ["Ours", "**21.50 ± 0.71**"]
     assert cells[3][1] == "<u>21.00</u>"
     assert cells[4] == ["GA[^3]", *["failed"] * len(TABLE_1.columns)]
-    assert "[^3]: failed: out of memory" in text
+    assert "[^3]: failed: out of memory mend: fewer" in text
     assert cells[-1][0] == "*truth*"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -121,6 +122,28 @@ def test_clips_that_do_not_differ_are_no_pair(tmp_path: Path) -> None:
     page = write_study([same, pair], tmp_path / "out", BUDGET)
     assert page is not None
     assert len(content_of(page)["trials"]) == 1
+
+
+def test_methods_with_the_same_clip_are_asked_about_each(tmp_path: Path) -> None:
+    pair, _ = pairs(tmp_path)
+    twin = Pair(pair.capture, pair.clip, "TWIN", pair.truth_video, pair.our_video, pair.other_video)
+    page = write_study([pair, twin], tmp_path / "out", BUDGET)
+    assert page is not None
+    trials = [trial["id"] for trial in content_of(page)["trials"]]
+    key = json.loads((tmp_path / "out" / "user_study_key.json").read_text())["trials"]
+    assert sorted(trials) == sorted(key)
+    assert sorted(secret["label"] for secret in key.values()) == ["GHA", "TWIN"]
+
+
+def test_a_clip_counts_once_against_the_budget(tmp_path: Path) -> None:
+    pair, _ = pairs(tmp_path)
+    copied = Clip(tmp_path / "copy.mp4", pair.our_video.panel, pair.our_video.aspect)
+    copied.path.write_bytes(pair.our_video.path.read_bytes())
+    write_study([pair], tmp_path / "linked", 0)
+    size = sum(file.stat().st_size for file in (tmp_path / "linked" / "user_study").iterdir())
+    page = write_study([pair, replace(pair, our_video=copied)], tmp_path / "held", size)
+    assert page is not None
+    assert all(source.startswith("data:") for source in content_of(page)["sources"].values())
 
 
 @pytest.mark.parametrize(("first", "second", "of"), [(7, 9, 10), (0, 0, 4), (20, 20, 20), (1, 0, 1)])

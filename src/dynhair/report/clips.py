@@ -60,9 +60,18 @@ class Clip:
                     top, left, height, width = place
                     yield frame.to_ndarray(format="rgb24")[top : top + height, left : left + width]
         except (FFmpegError, IndexError) as error:
-            raise DynhairError(
-                f"not readable as a video ({error})", path=self.path, mend="evaluate this row again"
-            ) from None
+            raise self._unreadable(f"not readable as a video ({error})") from None
+
+    def some_frames(self, indices: Sequence[int]) -> list[Picture]:
+        """Those of the frames, in their order.
+
+        Raises:
+            DynhairError: as for :meth:`frames`; or the video ends before the last of them.
+        """
+        found = [frame for index, frame in enumerate(self.frames()) if index in indices]
+        if len(found) < len(indices):
+            raise self._unreadable(f"the video ends before its frame {max(indices)}")
+        return found
 
     def length(self) -> tuple[int, float]:
         """Number of frames, and frames per second, as the video's index has them.
@@ -75,7 +84,10 @@ class Clip:
                 stream = container.streams.video[0]
                 return stream.frames, float(stream.average_rate or 30)
         except (FFmpegError, IndexError) as error:
-            raise DynhairError(f"not readable as a video ({error})", path=self.path) from None
+            raise self._unreadable(f"not readable as a video ({error})") from None
+
+    def _unreadable(self, why: str) -> DynhairError:
+        return DynhairError(why, path=self.path, mend="evaluate this row again")
 
 
 @lru_cache
@@ -121,11 +133,15 @@ def write_side_by_side(clips: Sequence[Clip], labels: Sequence[str], out: Path) 
 
 
 def contact_sheet(clips: Sequence[Clip], labels: Sequence[str], count: int) -> Picture:
-    """Set the same ``count`` frames of each clip in rows, evenly spaced over the shortest clip."""
+    """Set the same ``count`` frames of each clip in rows, evenly spaced over the shortest clip.
+
+    Raises:
+        DynhairError: a video cannot be read, or has fewer frames than its index says.
+    """
     length = min(clip.length()[0] for clip in clips)
     count = min(count, length)
     shown = [(2 * place + 1) * length // (2 * count) for place in range(count)]
-    rows = [[frame for index, frame in enumerate(clip.frames()) if index in shown] for clip in clips]
+    rows = [clip.some_frames(shown) for clip in clips]
     fps = clips[0].length()[1]
     cells = _alike([frame for row in rows for frame in row], WIDEST // max(count, 1))
     return grid(

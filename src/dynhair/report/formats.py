@@ -52,7 +52,7 @@ def to_markdown(table: Table) -> str:
     lines = [f"**{_markdown_text(table.title)}**", ""]
     lines += ["| " + " | ".join(_markdown_text(cell) for cell in row) + " |" for row in rows]
     if notes:
-        lines += ["", *(f"[^{number}]: {reason}" for reason, number in notes.items())]
+        lines += ["", *(f"[^{number}]: {' '.join(reason.split())}" for reason, number in notes.items())]
     return "\n".join(lines) + "\n"
 
 

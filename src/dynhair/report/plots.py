@@ -78,7 +78,7 @@ def plot_segment(curves: Sequence[Curve], prefix: str) -> str:
 def _draw(panel: Axes, name: str, curves: Sequence[Curve]) -> None:
     for curve, colour in zip(curves, _cycled(len(curves)), strict=True):
         if _known(curve.series, name):
-            lag = "" if curve.lag_ms is None else f" (lags by {curve.lag_ms:+.0f} ms)".replace("+", "")
+            lag = "" if curve.lag_ms is None else f" (lags by {curve.lag_ms:.0f} ms)"
             width = 2.0 if curve is curves[0] else 1.3
             panel.plot(curve.series["time"], curve.series[name], color=colour, linewidth=width, label=curve.label + lag)
     for curve in curves:

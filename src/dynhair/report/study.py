@@ -81,7 +81,7 @@ def write_study(pairs: Sequence[Pair], out: Path, budget: int) -> Path | None:
         if not trials:
             return None
         shown = dict.fromkeys(clip for trial in trials for clip in (trial.truth, trial.ours, trial.other))
-        sources = _sources([file for file in files.values() if file.stem in shown], out, budget)
+        sources = _sources(sorted({file for file in files.values() if file.stem in shown}), out, budget)
     study = _digest(*(trial.id for trial in trials))
     questions = [asdict(question) for question in QUESTIONS]
     secrets = {trial.id: trial.secret() for trial in trials}
@@ -110,7 +110,8 @@ class _Trial:
 
     @property
     def id(self) -> str:
-        return _digest(self.ours, self.other)
+        # several methods may have the same clip, and the order of clips must not show
+        return _digest(*sorted((self.ours, self.other)), self.pair.capture, self.pair.clip, self.pair.other)
 
     def shown(self) -> dict[str, Any]:
         """What participants may know: nothing in the order of the clips tells which is ours."""
@@ -148,11 +149,11 @@ def _trials(pairs: Sequence[Pair], files: Mapping[Clip, Path]) -> Iterator[_Tria
 
 def _sources(files: Sequence[Path], out: Path, budget: int) -> dict[str, str]:
     if sum(file.stat().st_size for file in files) <= budget:
-        return {file.stem: data_url(file, "video/mp4") for file in sorted(files)}
+        return {file.stem: data_url(file, "video/mp4") for file in files}
     for file in files:
         with atomic_file(out / "user_study" / file.name) as written:
             written.write_bytes(file.read_bytes())
-    return {file.stem: f"user_study/{file.name}" for file in sorted(files)}
+    return {file.stem: f"user_study/{file.name}" for file in files}
 
 
 def _digest(*names: str) -> str:
