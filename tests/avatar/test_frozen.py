@@ -126,6 +126,13 @@ def test_layers_of_any_width(widths: list[int], points: int, seed: int, givens: 
     torch.testing.assert_close(actual.double(), plain_layers(weights, biases, given_rows, x), atol=1e-5, rtol=1e-5)
 
 
+def test_a_layer_may_be_applied_twice() -> None:
+    weight, bias, x = torch.randn(3, 3), torch.randn(3), torch.randn(5, 3)
+    actual = FrozenLayers([weight, weight])([bias, bias], x)
+    expected = plain_layers([weight, weight], [bias, bias], {}, x)
+    torch.testing.assert_close(actual.double(), expected, atol=1e-5, rtol=1e-5)
+
+
 @pytest.mark.parametrize("hidden", [(16,), (24, 24), (32, 16, 16, 16, 32)], ids=str)
 @pytest.mark.parametrize("bounded", [True, False])
 def test_branches_with_and_without_a_skip(hidden: tuple[int, ...], bounded: bool) -> None:
@@ -154,6 +161,8 @@ def test_layers_that_do_not_fit_are_refused() -> None:
         FrozenLayers([torch.zeros(8, 4)], {0: torch.zeros(3, 7)})
     with pytest.raises(DynhairError, match="weights"):
         FrozenLayers([torch.zeros(8, 4), torch.zeros(2, 9)])
+    with pytest.raises(DynhairError, match="3 layers"):
+        FrozenLayers([torch.zeros(1, 1)] * 3, {layer: torch.zeros(2, 1) for layer in range(3)})
 
 
 def test_conditions_are_worked_out_once_a_track(monkeypatch: pytest.MonkeyPatch) -> None:

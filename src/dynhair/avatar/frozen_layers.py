@@ -18,6 +18,7 @@ from torch.nn.functional import pad
 
 from dynhair.avatar.branches import Branches, Rows, rows_of
 from dynhair.avatar.mlp import PointMLP
+from dynhair.errors import DynhairError
 from dynhair.native import Kernel, compiled, require_shapes
 from dynhair.threads import run, shares
 
@@ -32,16 +33,23 @@ class FrozenLayers:
     Args:
         weights: first to last; the first may see nothing.
         given: what layers add for the points themselves, one row a point; for two layers at most.
+
+    Raises:
+        DynhairError: a shape does not fit the others, or more than two layers are given something.
     """
 
     def __init__(
         self, weights: Sequence[Float[Tensor, "_ _"]], given: Mapping[int, Float[Tensor, "n _"]] | None = None
     ) -> None:
         given = given or {}
+        if len(given) > 2:
+            raise DynhairError(f"points bring their own terms to {len(given)} layers", expected="two at most")
         self._sizes = [(weight.shape[1], len(weight)) for weight in weights]
         for weight, (_, before) in zip(weights[1:], self._sizes[:-1], strict=True):
             require_shapes(weights=(weight, (len(weight), before)))
-        self._weights = torch.cat([_laid_out(w, last=w is weights[-1]).flatten() for w in weights])
+        *before, last = weights
+        laid = [*(_laid_out(weight, last=False) for weight in before), _laid_out(last, last=True)]
+        self._weights = torch.cat([weight.flatten() for weight in laid])
         self._given = [pad(rows, (0, _lacking(rows.shape[1]))).contiguous() for rows in given.values()]
         for layer, rows in given.items():
             require_shapes(given=(rows, (len(self._given[0]), self._sizes[layer][1])))
