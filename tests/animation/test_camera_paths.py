@@ -97,9 +97,21 @@ def test_a_single_key_frame_in_the_world_is_a_camera_that_stays(tmp_path: Path) 
         ({"keyframes": [{"position": [0, 1]}]}, "`position` of key frame 0"),
         ({"keyframes": [{"position": ["a", 0, 1]}]}, "`position` of key frame 0"),
         ({"keyframes": [{"position": [0, 0, 1]}, {"position": [0, 0, 2]}]}, "`time` of key frame 0 is None"),
-        ({"keyframes": [{"time": 1, "position": [0, 0, 1]}, {"time": 1, "position": [0, 0, 2]}]}, "increase"),
-        ({"keyframes": [{"position": [0, 0, 0]}]}, "looks at"),
-        ({"keyframes": [{"position": [0, 0, 1], "field_of_view": 180}]}, "field_of_view"),
+        (
+            {"keyframes": [{"time": 1, "position": [0, 0, 1]}, {"time": 1, "position": [0, 0, 2]}]},
+            "goes from 1 s to 1 s in key frame 1",
+        ),
+        ({"keyframes": [{"position": [0, 0, 0]}]}, "key frame 0 is where it looks at"),
+        ({"keyframes": [{"position": [0, 0, 1], "field_of_view": 180}]}, "`field_of_view` of key frame 0 is 180"),
+        ({"keyframes": [{"position": [0, 0, 1], "fov": 40}]}, "key frame 0 has a `fov`"),
+        ({"keyframes": [{"position": ["0", "0", "1"]}]}, "`position` of key frame 0"),
+        ({"keyframes": [{"position": [0, [0], 1]}]}, "`position` of key frame 0"),
+        ({"keyframes": [{"position": [0, 0, 1], "field_of_view": True}]}, "`field_of_view` of key frame 0 is True"),
+        ({"keyframes": [{"position": [0, 0, 10**400]}]}, "`position` of key frame 0"),
+        (
+            {"keyframes": [{"time": 0, "position": [0, 0, 1]}, {"time": 4 / FPS, "position": [0, 0, -1]}]},
+            "passes through what it looks at",
+        ),
         ({"space": "world", "keyframes": [{"position": [0, 0, 1]}]}, "`target` of key frame 0"),
     ],
 )
@@ -113,8 +125,9 @@ def test_a_path_that_is_not_sound_is_refused(tmp_path: Path, value: Any, said: s
 def test_names_that_mean_nothing_are_refused() -> None:
     with pytest.raises(DynhairError, match="front, orbit"):
         camera_path("left", make_recording(), 3)
-    with pytest.raises(DynhairError, match="degrees a second"):
-        camera_path("orbit:fast", make_recording(), 3)
+    for rate in ("fast", "nan", "inf"):
+        with pytest.raises(DynhairError, match=f"`{rate}` degrees a second"):
+            camera_path(f"orbit:{rate}", make_recording(), 3)
     with pytest.raises(DynhairError, match="0 pixels"):
         camera_path("front", make_recording(), 3, 0)
 

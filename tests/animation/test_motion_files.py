@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +90,18 @@ def test_a_track_begins_at_0_s_and_at_rest(tmp_path: Path, suffix: str) -> None:
     assert [path.name for path in tmp_path.iterdir()] == [f"motion{suffix}"]
 
 
+@pytest.mark.parametrize("name", ["tx", "qw", "r00", "rx", "time", " smile", "jaw\nopen"])
+def test_a_name_that_a_header_cannot_hold_is_refused(tmp_path: Path, name: str) -> None:
+    motion = replace(smooth_motion(np.arange(4) / 25), expression_basis=ExpressionBasis("any", ("a", name, "b")))
+    path = tmp_path / "motion.csv"
+    with pytest.raises(DynhairError, match="an expression is called") as caught:
+        write_motion(path, motion)
+    assert caught.value.path == path
+    assert not path.exists()
+    write_motion(tmp_path / "motion.json", motion)
+    assert read_motion(tmp_path / "motion.json").expression_basis == motion.expression_basis
+
+
 def written(path: Path, **columns: Any) -> Path:
     """Columns in the format that the path names; None leaves one out."""
     kept = {name: value for name, value in columns.items() if value is not None}
@@ -151,6 +164,7 @@ def test_a_table_as_spreadsheets_and_trackers_write_it(tmp_path: Path) -> None:
         ({"rotation": [[1.0, 0], [0, 1.0]]}, r"expected: \(frames, 4\) or \(frames, 3\)"),
         ({"rotation": [], "time": [], "translation": []}, "shape"),
         ({"translation": [[0.0, 0, 0], [350.0, 0, 0]]}, "travels 350 m"),
+        ({"rest_translation": [0.0, 1600.0, 0.0]}, "travels 1600 m, from rest"),
         ({"expression": [[1.0], [0.0]], "rest_expression": [0.0, 0.0]}, "2 coefficients"),
         ({"expression": [[1.0], [0.0]], "expression_names": ["a", "b"]}, "2 names"),
         ({"expression": [[1.0, 0, 0]] * 2, "expression_names": ["", "a", "a"]}, "two of `expression_names` are 'a'"),

@@ -91,6 +91,17 @@ def test_it_is_a_quarter_of_the_size(tmp_path: Path) -> None:
     assert (tmp_path / "posed.compressed.ply").stat().st_size < 0.27 * (tmp_path / "posed.ply").stat().st_size
 
 
+def test_what_can_hardly_be_seen_is_written_too(tmp_path: Path) -> None:
+    splats = random_splats(4)
+    splats.opacities[:3] = torch.tensor([0.0, 1e-44, 1e-30])
+    splats.scales[2] = 0.0
+    write_compressed_splats(tmp_path / "posed.compressed.ply", splats)
+    header, _, body = (tmp_path / "posed.compressed.ply").read_bytes().partition(b"end_header\n")
+    assert b"element vertex 4" in header
+    packed = np.frombuffer(body[18 * 4 :], "<u4", 16).reshape(4, 4)
+    assert sorted(packed[:, 3] & 255)[:3] == [0, 0, 0]
+
+
 def test_nothing_is_refused(tmp_path: Path) -> None:
     none = Splats(*(every[:0] for every in vars(random_splats(4)).values()))
     with pytest.raises(DynhairError, match="no Gaussian"):

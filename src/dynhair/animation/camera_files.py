@@ -19,6 +19,10 @@ DEFAULT_FIELD_OF_VIEW = 30.0
 """Degrees from the image's top to its bottom: a portrait from a metre away."""
 
 
+LEAST_DISTANCE = 1e-6
+"""Metres between a camera and what it looks at."""
+
+
 class Shots(NamedTuple):
     """Where a camera is at some instants, what it looks at, and how wide.
 
@@ -41,11 +45,13 @@ class CameraPath:
         times: seconds, increasing.
         keys: the camera at these times.
         space: whether positions are in the frame of the head at rest, or in the world.
+        path: of the file.
     """
 
     times: Float64[np.ndarray, " k"]
     keys: Shots
     space: Space
+    path: Path
 
     def at(self, times: Float64[np.ndarray, " n"]) -> Shots:
         """The camera at some instants: monotone cubics between keys, still before the first and after the last."""
@@ -70,35 +76,60 @@ def read_camera_path(path: Path | str) -> CameraPath:
     if not isinstance(found, list) or not found or not all(isinstance(key, dict) for key in found):
         raise DynhairError("there are no `keyframes`", path=path, expected="a list of objects")
     keys = [_KeyFrame(key, number, path) for number, key in enumerate(found)]
+    for key in keys:
+        key.require_known()
     times = np.array([key.numbers("time", default=0.0 if len(keys) == 1 else None) for key in keys])
-    if not (np.diff(times) > 0).all():
-        raise DynhairError("`time` does not increase from one key frame to the next", path=path, expected="seconds")
+    (late,) = np.nonzero(np.diff(times) <= 0)
+    if len(late):
+        found = f"`time` goes from {times[late[0]]:g} s to {times[late[0] + 1]:g} s in key frame {late[0] + 1}"
+        raise DynhairError(found, path=path, expected="seconds that increase")
     positions = np.array([key.numbers("position", 3) for key in keys])
     targets = np.array([key.numbers("target", 3, default=np.zeros(3) if space == "head" else None) for key in keys])
     angles = np.array([key.numbers("field_of_view", default=DEFAULT_FIELD_OF_VIEW) for key in keys])
-    if (np.linalg.norm(positions - targets, axis=1) < 1e-6).any():
-        raise DynhairError("a camera is where it looks at", path=path, expected="`position` apart from `target`")
-    if not ((angles > 0) & (angles < 180)).all():
-        raise DynhairError("a `field_of_view` is out of range", path=path, expected="degrees above 0 and below 180")
-    return CameraPath(times, Shots(positions, targets, angles), space)
+    for number in range(len(keys)):
+        if np.linalg.norm(positions[number] - targets[number]) < LEAST_DISTANCE:
+            found = f"the camera of key frame {number} is where it looks at"
+            raise DynhairError(found, path=path, expected="`position` apart from `target`")
+        if not 0 < angles[number] < 180:
+            found = f"`field_of_view` of key frame {number} is {angles[number]:g}"
+            raise DynhairError(found, path=path, expected="degrees above 0 and below 180")
+    return CameraPath(times, Shots(positions, targets, angles), space, path)
+
+
+_KNOWN = ("time", "position", "target", "field_of_view")
 
 
 class _KeyFrame(NamedTuple):
+    """What a file says of one key frame.
+
+    Attributes:
+        values: its JSON object.
+        number: its place in the list.
+        path: of the file.
+    """
+
     values: dict[str, Any]
     number: int
     path: Path
+
+    def require_known(self) -> None:
+        """Make sure that nothing is left unread, such as a name that is misspelt."""
+        unknown = [name for name in self.values if name not in _KNOWN]
+        if unknown:
+            found = f"key frame {self.number} has a `{unknown[0]}`"
+            raise DynhairError(found, path=self.path, expected=", ".join(_KNOWN))
 
     def numbers(self, name: str, *shape: int, default: Any = None) -> np.ndarray:
         """A finite number, or several."""
         found = self.values.get(name, default)
         try:
-            numbers = np.array(found, np.float64)
-        except (TypeError, ValueError):
-            numbers = np.array(np.nan)
-        if numbers.shape != shape or not np.isfinite(numbers).all():
+            numbers = np.array(found)
+        except ValueError:  # rows of several lengths
+            numbers = np.array("")
+        if numbers.dtype.kind not in "fiu" or numbers.shape != shape or not np.isfinite(numbers).all():
             raise DynhairError(
                 f"`{name}` of key frame {self.number} is {found!r}",
                 path=self.path,
                 expected=f"{shape[0]} numbers, metres" if shape else "a number",
             )
-        return numbers
+        return numbers.astype(np.float64)

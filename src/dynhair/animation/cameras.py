@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from jaxtyping import Float, Float64
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
-from dynhair.animation.camera_files import CameraPath, read_camera_path
+from dynhair.animation.camera_files import LEAST_DISTANCE, CameraPath, read_camera_path
 from dynhair.animation.capture_names import capture_in
 from dynhair.avatar.recording import Recording
 from dynhair.camera import Camera
@@ -83,17 +84,22 @@ def _orbit(recording: Recording, frames: int, rate: float | None) -> list[Camera
 def _degrees(text: str) -> float | None:
     if not text:
         return None
-    try:
-        return float(text)
-    except ValueError:
-        raise DynhairError(f"an orbit of `{text}` degrees a second", expected="a number, as in orbit:30") from None
+    with suppress(ValueError):
+        if math.isfinite(rate := float(text)):
+            return rate
+    raise DynhairError(f"an orbit of `{text}` degrees a second", expected="a number, as in orbit:30")
 
 
 def _along(path: CameraPath, recording: Recording, frames: int) -> list[Camera]:
     """Cameras on a path, that look at its targets, upright."""
     front, up = recording.camera, upwards(recording)
     rotation, origin = recording.rest.rotation.double().numpy(), recording.rest.translation.double().numpy()
-    shots = path.at(np.arange(frames) / recording.fps)
+    times = np.arange(frames) / recording.fps
+    shots = path.at(times)
+    (through,) = np.nonzero(np.linalg.norm(shots.positions - shots.targets, axis=1) < LEAST_DISTANCE)
+    if len(through):
+        found = f"at {times[through[0]]:g} s the camera passes through what it looks at"
+        raise DynhairError(found, path=path.path, mend="lead it round by another key frame")
     cameras = []
     for position, target, angle in zip(shots.positions, shots.targets, shots.fields_of_view, strict=True):
         if path.space == "head":

@@ -89,13 +89,14 @@ def motion_of_columns(columns: Columns, path: Path) -> TimedMotion:
         raise DynhairError("the motion has a single frame", path=path, expected="two or more")
     rotations = _rotations("rotation", columns["rotation"], path)
     translations = columns.get("translation", PIVOT - rotations @ PIVOT)
-    travel = float(np.ptp(translations, axis=0).max())
+    rest_translation = columns["rest_translation"] if "rest_translation" in columns else translations[0]
+    travel = float(np.ptp(np.append(translations, rest_translation[None], axis=0), axis=0).max())
     if travel > _ROOM:
         raise DynhairError(
-            f"the head travels {travel:.0f} m",
+            f"the head travels {travel:.0f} m" + (", from rest" if "rest_translation" in columns else ""),
             path=path,
             expected="metres",
-            mend="divide `translation` by 1000 if it is in mm",
+            mend="divide what is in mm by 1000: `translation`, and `rest_translation` if it is told",
         )
     expressions = columns.get("expression", np.zeros((frames, 0))).astype(np.float32)
     rest_rotation = columns.get("rest_rotation")
@@ -106,7 +107,7 @@ def motion_of_columns(columns: Columns, path: Path) -> TimedMotion:
         expressions=expressions,
         rest=RestPose(
             rotations[0] if rest_rotation is None else _rotations("rest_rotation", rest_rotation[None], path)[0],
-            columns["rest_translation"] if "rest_translation" in columns else translations[0],
+            rest_translation,
             _rest_expression(columns, expressions, path),
         ),
         gravity=columns.get("gravity", np.array(EARTH_GRAVITY)),

@@ -39,13 +39,16 @@ def write_motion(path: Path | str, motion: TimedMotion | HeadTrack) -> None:
     """Write a motion atomically, in the format that the path's ending names; rotations as unit quaternions, wxyz.
 
     Raises:
-        DynhairError: the ending is none of those, or the file cannot be written.
+        DynhairError: the ending is none of those, or the file cannot be written; or the name of an expression cannot
+            stand at the head of a column.
     """
     path = Path(path)
     write = _format(path).write
-    timed = TimedMotion.of(motion) if isinstance(motion, HeadTrack) else motion
+    columns = motion_columns(TimedMotion.of(motion) if isinstance(motion, HeadTrack) else motion)
+    if write is _write_csv:
+        _require_headings(columns, path)
     with atomic_file(path) as temporary:
-        write(temporary, motion_columns(timed))
+        write(temporary, columns)
 
 
 def _format(path: Path) -> _Format:
@@ -104,6 +107,19 @@ def _read_csv(path: Path) -> Columns:
     if len(set(header)) < len(header):
         raise DynhairError("two columns have one name", path=path, expected="names that differ")
     return {**columns, **_csv_columns(header, _table(rows, header, path))}
+
+
+def _require_headings(columns: Columns, path: Path) -> None:
+    """Make sure that names of expressions are read again from a header as they are."""
+    taken = {*CSV_ROTATION_VECTOR, *CSV_MATRIX, *(name for names in CSV_AXES.values() for name in names)}
+    for name in columns.get("expression_names", np.empty(0)).tolist():
+        if name in taken or name != name.strip() or len(name.splitlines()) > 1:
+            raise DynhairError(
+                f"an expression is called {name!r}",
+                path=path,
+                expected=f"other names than {', '.join(sorted(taken))}, on one line, without blanks around them",
+                mend="write .npz or .json, which take any",
+            )
 
 
 def _table(rows: list[list[str]], header: list[str], path: Path) -> np.ndarray:

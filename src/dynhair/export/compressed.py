@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float32, UInt32
+from scipy.special import expit
 
 from dynhair.errors import DynhairError
 from dynhair.export.splats import COLUMNS, Splats, splat_table
@@ -47,7 +48,7 @@ def write_compressed_splats(path: Path | str, splats: Splats) -> None:
     positions, bounds = _within_chunks(part["means"])
     log_scales, scale_bounds = _within_chunks(part["log_scales"].clip(-_LOG_SCALES, _LOG_SCALES))
     colours, colour_bounds = _within_chunks(0.5 + _C0 * part["base"])
-    opacities = 1 / (1 + np.exp(-part["logits"]))
+    opacities = expit(part["logits"])
     vertices = np.stack(
         [
             _packed(positions, (11, 10, 11)),
