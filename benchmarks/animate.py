@@ -26,8 +26,7 @@ from rich.console import Console
 from rich.table import Table
 
 from dynhair.animation.procedural import motion
-from dynhair.avatar import Avatar, Recording
-from dynhair.avatar import avatar as avatar_module
+from dynhair.avatar import Avatar, Recording, drawing
 from dynhair.avatar.hair import HairDeformer
 from dynhair.avatar.mlp import use_precision
 from dynhair.camera import Camera
@@ -151,7 +150,7 @@ def watched(avatars: list[Avatar]) -> Stopwatch:
         stopwatch.watch(avatar.hair, "forward", "deformer and low-pass")
         stopwatch.watch(avatar.head, "forward", "head networks and pose")
         stopwatch.watch(avatar, "draw", "features of the Gaussians")
-    stopwatch.watch(avatar_module, "drawn_hair", "hair as the camera sees it")
+    stopwatch.watch(drawing, "drawn_hair", "hair as the camera sees it")
     stopwatch.watch(cpu, "rasterize_cpu", "blend")
     stopwatch.watch(cpu, "list_splats", "projection and binning")
     return stopwatch

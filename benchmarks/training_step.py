@@ -27,7 +27,7 @@ from rich.table import Table
 from torch import nn
 from torch.nn import functional
 
-from dynhair.avatar import avatar as avatar_module
+from dynhair.avatar import drawing
 from dynhair.capture import Capture
 from dynhair.config import PRESETS, Config, preset
 from dynhair.demo import sample_capture
@@ -163,7 +163,7 @@ def watch(stopwatch: Stopwatch, objective: JointObjective) -> None:
     stopwatch.watch(avatar.hair.deformer, "forward", "deformer")
     stopwatch.watch(avatar.head, "forward", "head")
     stopwatch.watch(avatar, "draw", "features of the Gaussians")
-    stopwatch.watch(avatar_module, "drawn_hair", "hair as the cameras see it")
+    stopwatch.watch(drawing, "drawn_hair", "hair as the cameras see it")
     stopwatch.watch(cpu, "rasterize_cpu", BLEND)
     stopwatch.watch(cpu, "list_splats", PROJECTION)
     # the rasterizer's own backward is one function: first the blend's kernel is fetched, then the projection's

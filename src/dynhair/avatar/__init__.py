@@ -1,7 +1,8 @@
 """The avatar: hair, head, and their union."""
 
-from dynhair.avatar.avatar import Avatar, AvatarImages, PosedAvatar
+from dynhair.avatar.avatar import Avatar
 from dynhair.avatar.deformer import HairDeformer, PaperDeformer
+from dynhair.avatar.drawing import AvatarImages, PosedAvatar
 from dynhair.avatar.expression_modes import ExpressionModes
 from dynhair.avatar.hair import Hair
 from dynhair.avatar.head import Head, HeadGaussians, HeadStart

@@ -5,16 +5,15 @@ from __future__ import annotations
 import copy
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynhair.avatar.deformer import HairDeformer
-from dynhair.avatar.drawn_hair import COLOURS, drawn_hair
+from dynhair.avatar.drawing import AvatarImages, PosedAvatar, draw_avatar
 from dynhair.avatar.driving_pose import Array, RigidPose, rigid_parts
 from dynhair.avatar.expression_match import require_expressions
 from dynhair.avatar.expression_modes import ExpressionModes
@@ -22,7 +21,6 @@ from dynhair.avatar.hair import Hair
 from dynhair.avatar.head import Head, HeadGaussians, HeadStart
 from dynhair.avatar.head_mesh import HEAD_MESH, HeadMesh
 from dynhair.avatar.head_pose import HeadPose, head_pose
-from dynhair.avatar.layers import layers
 from dynhair.avatar.live import SETTLED, LiveAvatar
 from dynhair.avatar.model_folder import basis_of, load_model, save_model
 from dynhair.avatar.recording import Recording, recording_in
@@ -34,53 +32,9 @@ from dynhair.config import DeformerConfig, HeadConfig
 from dynhair.editing import CanonicalHair, Edit, EditedHair, HairLook, edits_from_json
 from dynhair.errors import DynhairError
 from dynhair.motion import SignalNormalizer, motion_signals, motion_window
-from dynhair.render import rasterize
-from dynhair.strands import decode_orientation, strands_and_body
 
 KIND = "dynhair avatar"
 SCHEMA_VERSION = 2
-
-
-@dataclass(frozen=True)
-class PosedAvatar:
-    """An avatar in one frame.
-
-    Attributes:
-        strands: in the world, metres.
-        head: the head's Gaussians, in the world.
-        hair: which of the avatar's strands these are, how wide, and in which colours.
-    """
-
-    strands: Float[Tensor, "m l 3"]
-    head: HeadGaussians
-    hair: HairLook
-
-
-class AvatarImages(NamedTuple):
-    """What the cameras see.
-
-    Attributes:
-        rgb: colour over the avatar's background.
-        hair: visible hair coverage in [0, 1].
-        body: visible coverage of head and upper body in [0, 1].
-        direction: hair's image direction as a doubled angle (cos 2a, sin 2a), weighted by its coverage.
-        alpha: coverage of everything.
-        coarse: the colours as they are drawn, before super-resolution; None without it.
-        depth: of what is drawn along the viewing axis, metres, 0 where there is nothing; None where it is not known.
-    """
-
-    rgb: Float[Tensor, "v h w 3"]
-    hair: Float[Tensor, "v h w"]
-    body: Float[Tensor, "v h w"]
-    direction: Float[Tensor, "v h w 2"]
-    alpha: Float[Tensor, "v h w"]
-    coarse: Float[Tensor, "v y x 3"] | None = None
-    depth: Float[Tensor, "v h w"] | None = None
-
-    @property
-    def orientation(self) -> Float[Tensor, "v h w"]:
-        """The hair's undirected image direction in [0, 1) of pi."""
-        return decode_orientation(self.direction)
 
 
 class Avatar(nn.Module):
@@ -265,48 +219,7 @@ class Avatar(nn.Module):
         Raises:
             DynhairError: with super-resolution, the images' sides are not multiples of its factor.
         """
-        drawn = self._drawn_cameras(cameras)
-        head, look = posed.head, posed.hair
-        hair = drawn_hair(posed.strands, look.widths, look.base_harmonic, look.higher_harmonics, drawn)
-        extra = self.head.config.colour_channels - 3
-        hair_features = nn.functional.pad(hair.features, (0, extra)) if extra else hair.features
-        head_features = self._head_features(head, hair.features[..., COLOURS], look)
-        gaussians = strands_and_body(hair, head, torch.cat([hair_features, head_features], 1))
-        images = rasterize(gaussians, drawn)
-        background = nn.functional.pad(self.background, (0, extra))
-        seen, hair_seen, body, direction = layers(images.features, images.alpha, background)
-        if self.super_resolution is None:
-            return AvatarImages(seen, hair_seen, body, direction, images.alpha, depth=images.depth)
-        maps = torch.stack([hair_seen, body, *direction.unbind(-1), images.alpha, images.depth], 1)
-        size = (cameras[0].height, cameras[0].width)
-        hair_seen, body, x, y, alpha, depth = nn.functional.interpolate(maps, size, mode="bilinear").unbind(1)
-        direction = torch.stack([x, y], -1)
-        return AvatarImages(self.super_resolution(seen), hair_seen, body, direction, alpha, seen[..., :3], depth)
-
-    def _drawn_cameras(self, cameras: Sequence[Camera]) -> list[Camera]:
-        """The cameras at the size that is drawn before super-resolution."""
-        if self.super_resolution is None:
-            return list(cameras)
-        factor = self.super_resolution.factor
-        width, height = cameras[0].width, cameras[0].height
-        if width % factor or height % factor:
-            raise DynhairError(
-                f"an image of {width} x {height} pixels",
-                expected=f"sides that are multiples of {factor}, the factor of the avatar's super-resolution",
-            )
-        return [camera.resized(width // factor, height // factor) for camera in cameras]
-
-    def _head_features(
-        self, head: HeadGaussians, hair_colours: Float[Tensor, "v g 3"], look: HairLook
-    ) -> Float[Tensor, "v k f"]:
-        """Labels, direction and colours of the head's Gaussians; the scalp's are partly hair, of no direction."""
-        count, channels = head.colours.shape
-        own = torch.cat([head.colours.new_tensor([0.0, 1.0, 0.0, 0.0]).expand(count, 4), head.colours], 1)
-        rows, cover, colours = self.scalp(hair_colours, look)
-        as_hair = colours.new_tensor([1.0, 0.0, 0.0, 0.0]).expand(*colours.shape[:2], 4)
-        as_hair = nn.functional.pad(torch.cat([as_hair, colours], -1), (0, channels - 3))
-        covered = torch.lerp(own[rows].expand_as(as_hair), as_hair, cover[:, None])
-        return own.expand(len(colours), -1, -1).index_copy(1, rows, covered)
+        return draw_avatar(posed, cameras, self.scalp, self.background, self.super_resolution)
 
     def save(self, path: Path | str) -> None:
         """Write the avatar as a folder, atomically: ``avatar.json``, ``avatar.safetensors`` and the head mesh, if any.

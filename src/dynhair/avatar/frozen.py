@@ -8,8 +8,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from dynhair.avatar.avatar import Avatar, AvatarImages, PosedAvatar
+from dynhair.avatar.avatar import Avatar
 from dynhair.avatar.deformer import DISPLACEMENT_UNIT, HairDeformer
+from dynhair.avatar.drawing import AvatarImages, PosedAvatar
 from dynhair.avatar.encoding import CANONICAL_UNIT, ENCODING_FREQUENCIES, positional_encoding
 from dynhair.avatar.frozen_layers import FrozenBranches, FrozenLayers
 from dynhair.avatar.hair import Hair

@@ -16,7 +16,8 @@ from dynhair.capture import HeadTrack
 from dynhair.errors import DynhairError
 
 if TYPE_CHECKING:
-    from dynhair.avatar.avatar import Avatar, PosedAvatar
+    from dynhair.avatar.avatar import Avatar
+    from dynhair.avatar.drawing import PosedAvatar
 
 STANDARD_GRAVITY = (0.0, -9.81, 0.0)  # m/s^2
 SETTLED = 2  # frames after which further poses no longer change a frame's signals

@@ -19,7 +19,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from dynhair.avatar import Avatar, head_pose
-from dynhair.avatar.avatar import AvatarImages, PosedAvatar
+from dynhair.avatar.drawing import AvatarImages, PosedAvatar
 from dynhair.avatar.model_folder import DESCRIPTION, TENSORS, read_description, read_tensors
 from dynhair.baselines.cables import CableParameters, Cables, Part
 from dynhair.baselines.simulator_guides import GuideInterpolation, unkinked
