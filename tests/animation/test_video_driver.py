@@ -120,6 +120,13 @@ def test_a_film_without_a_face_is_refused(tmp_path: Path) -> None:
         track_of_video(path, make_recording(), avatar_of(None), landmarker=KnownFaces([None] * 3))
 
 
+def test_times_that_jump_are_refused(tmp_path: Path) -> None:
+    path = write_marked_film(tmp_path / "jump.mp4", [0.0, 0.04, 0.08, 3600.0])
+    faces = Performance.at(np.arange(4) / 25).faces()
+    with pytest.raises(DynhairError, match="4 frames are shown over 3600 s"):
+        track_of_video(path, make_recording(), avatar_of(None), landmarker=KnownFaces(faces))
+
+
 def test_a_picture_is_no_film(tmp_path: Path) -> None:
     path = write_marked_film(tmp_path / "one.mp4", [0.0])
     faces = Performance.at(np.zeros(1)).faces()

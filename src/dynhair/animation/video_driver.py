@@ -12,7 +12,7 @@ from jaxtyping import Bool
 from dynhair.animation.sources import carried
 from dynhair.animation.timed_motion import RestPose, TimedMotion
 from dynhair.animation.video_driver_expression import expression_hints, neutral_expression
-from dynhair.animation.video_driver_faces import FaceSeries, SeenFace, even_series, follow_face
+from dynhair.animation.video_driver_faces import FaceSeries, SeenFace, even_series, follow_face, usual_step
 from dynhair.animation.video_driver_frames import frame_count, timed_frames
 from dynhair.animation.video_driver_pose import (
     HEAD_CENTRE,
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from dynhair.progress import StageProgress
 
 _LONG_GAP = 0.5  # seconds
+_SPARSEST = 50.0  # times the frames that a video has, that it should have
 _LANDMARKS = 60  # that the pose is fitted to: more cost time and say little, for neighbours err together
 
 
@@ -69,10 +70,12 @@ def track_of_video(
         note: told what the user should know: how much of the face was seen, long gaps, what became of expressions.
 
     Raises:
-        DynhairError: the file is no video, or it does not show a face in two frames.
+        DynhairError: the file is no video, nearly all of its frames are missing, or it does not show a face in two of
+            them.
     """
     path, model = Path(path), face_model or open_head()
     frames = _faces(path, landmarker, progress, note)
+    _require_frames(frames, path)
     series = even_series(frames)
     found = sum(frame.face is not None for frame in frames)
     if series is None:
@@ -118,6 +121,19 @@ def _faces(
         if stage:
             stage.update(len(track), total=max(total, len(track)))
     return track
+
+
+def _require_frames(frames: list[SeenFace], path: Path) -> None:
+    """Make sure that a film's times do not jump, for every missing frame takes memory."""
+    times = np.array([frame.time for frame in frames])
+    span = float(np.ptp(times))
+    if len(times) > 1 and span > _SPARSEST * len(times) * usual_step(times):
+        raise DynhairError(
+            f"{len(times)} frames are shown over {span:.0f} s",
+            path=path,
+            expected=f"frames about every {usual_step(times):.3f} s, as most of them are",
+            mend="choose a part of the video without the gap, or give it even times with ffmpeg",
+        )
 
 
 def _tracked(
