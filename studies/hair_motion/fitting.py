@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 from studies.hair_motion.motions import FRAMES
 from studies.hair_motion.recordings import Recorded, mean_explained, mirrored
-from studies.hair_motion.whole_motions import modal_values, paper_batch, turned
+from studies.hair_motion.whole_motions import modal_amplitudes, modal_shapes, paper_batch, turned
 from torch import Tensor, nn
 
 from dynhair.avatar import ModalDeformer, PaperDeformer
@@ -17,13 +17,21 @@ from dynhair.config import DeformerConfig
 from dynhair.errors import DynhairError
 from dynhair.motion import MotionSignals, SignalNormalizer, motion_window
 
-EVERY = 3
+EVERY = 4
 """Of so many guides one is fitted and measured: neighbours move alike."""
 
 STEPS = {"paper": 1000, "modal": 400}
-RATES = {"paper": 1e-3, "modal": 1e-2}
+RATES = {"paper": 1e-3, "modal": 5e-3}
 BATCHES = {"paper": 6, "modal": 4}
 """Frames of a step for the paper's network, whole motions for modes."""
+
+NOISE = 0.03
+
+OMEGA, ALPHA = 3.0, 30.0
+"""rad/s and rad/s^2: what signals are divided by that are seen in fixed units."""
+
+TURN_UNIT = 0.1
+"""Metres that stand for a turn of one radian, where what a deformer says turns segments."""
 
 MODES = DeformerConfig(kind="modal", history=FRAMES, position_frequencies=4, knots=0)
 PAPER = DeformerConfig(kind="paper", position_frequencies=6, knots=0)
@@ -38,12 +46,17 @@ class Row:
         turns: whether what it says of a point turns the segment that ends there, and displacements follow, in the
             place of displacing the point.
         torso: whether modes are also driven by how the head is turned on the shoulders.
+        fixed: whether modes see signals in fixed units, in the place of parts of the largest in training, beyond which
+            these are clamped.
+        noise: standard deviation of what is added to conditions, anew in each step.
         mirror: whether it learns from mirrored motions as well.
     """
 
     config: DeformerConfig
     turns: bool = False
     torso: bool = False
+    fixed: bool = False
+    noise: float = 0.0
     mirror: bool = False
 
 
@@ -55,11 +68,12 @@ ROWS = {
     "16 modes": Row(replace(MODES, modes=16)),
     "24 modes": Row(MODES),
     "32 modes": Row(replace(MODES, modes=32)),
-    "24 modes, torso": Row(MODES, torso=True),
     "24 modes, turns": Row(MODES, turns=True),
-    "24 modes, turns, torso": Row(MODES, turns=True, torso=True),
-    "24 modes, mirrored": Row(MODES, mirror=True),
-    "24 modes, turns, torso, mirrored": Row(MODES, turns=True, torso=True, mirror=True),
+    "24 modes, fixed units": Row(MODES, fixed=True),
+    "24 modes, fixed units, noise": Row(MODES, fixed=True, noise=NOISE),
+    "24 modes, fixed units, noise, turns": Row(MODES, turns=True, fixed=True, noise=NOISE),
+    "24 modes, fixed units, noise, turns, torso": Row(MODES, turns=True, torso=True, fixed=True, noise=NOISE),
+    "24 modes, all and mirrored": Row(MODES, turns=True, torso=True, fixed=True, noise=NOISE, mirror=True),
 }
 
 Predictor = Callable[[Recorded], Float[Tensor, "f n k 3"]]
@@ -133,6 +147,8 @@ class _Network(nn.Module):
     def conditions(self, signals: MotionSignals) -> Tensor:
         """Normalised signals, one row a frame."""
         conditions = self.normalizer(signals)
+        if self.row.fixed:
+            conditions = torch.cat([signals.omega / OMEGA, signals.alpha / ALPHA, conditions[:, 6:]], -1)
         return torch.cat([conditions, signals.rotation], -1) if self.row.torso else conditions
 
     def loss(self, motions: Sequence[Recorded], batch: int) -> Tensor:
@@ -142,18 +158,19 @@ class _Network(nn.Module):
             frames = [(int(torch.randint(len(motions), ())), int(torch.randint(FRAMES, ()))) for _ in range(batch)]
             history = self.row.config.history
             windows = [motion_window(self.conditions(motions[m].signals), f, history) for m, f in frames]
-            found = self._displaced(paper_batch(deformer, torch.stack(windows)))
+            found = paper_batch(deformer, torch.stack(windows))
             return (found - torch.stack([motions[m].displacements[f] for m, f in frames])).norm(dim=-1).mean()
         assert isinstance(deformer, ModalDeformer)
         chosen = torch.randperm(len(motions))[:batch].tolist()
         conditions = torch.stack([self.conditions(motions[m].signals) for m in chosen])
-        found = self._displaced(modal_values(deformer, conditions))
-        errors = []
-        for m, values in zip(chosen, found, strict=True):
-            mirrored_hair = self.row.mirror and m >= len(motions) // 2
-            own = values[:, self.strands :] if mirrored_hair else values[:, : self.strands]
-            errors.append((own - motions[m].displacements).norm(dim=-1).mean())
-        return torch.stack(errors).mean()
+        conditions = conditions + self.row.noise * torch.randn_like(conditions)
+        amplitudes = modal_amplitudes(deformer, conditions)
+        # the mirrored strands are the second half, and so are the mirrored motions
+        side = torch.tensor([self.row.mirror and m >= len(motions) // 2 for m in chosen]).long()
+        shapes = modal_shapes(deformer).unflatten(0, (-1, self.strands))[side]
+        values = torch.einsum("mnlcr,mfr->mfnlc", shapes, amplitudes)
+        found = self._displaced(values, self.hair.unflatten(0, (-1, self.strands))[side][:, None])
+        return (found - torch.stack([motions[m].displacements for m in chosen])).norm(dim=-1).mean()
 
     @torch.no_grad()
     def predicted(self, motion: Recorded) -> Float[Tensor, "f n k 3"]:
@@ -162,14 +179,11 @@ class _Network(nn.Module):
         if isinstance(deformer, PaperDeformer):
             history = self.row.config.history
             windows = torch.stack([motion_window(conditions, frame, history) for frame in range(len(conditions))])
-            parts = [self._displaced(paper_batch(deformer, part)) for part in windows.split(25)]
-            return torch.cat(parts)[:, : self.strands]
+            return torch.cat([paper_batch(deformer, part) for part in windows.split(25)])
         assert isinstance(deformer, ModalDeformer)
-        return self._displaced(modal_values(deformer, conditions[None]))[0, :, : self.strands]
+        amplitudes = modal_amplitudes(deformer, conditions[None])[0]
+        values = torch.einsum("nlcr,fr->fnlc", modal_shapes(deformer)[: self.strands], amplitudes)
+        return self._displaced(values, self.canonical)
 
-    def _displaced(self, values: Tensor) -> Tensor:
-        # a unit of what the network says is a displacement of a tenth of a metre, or a turn of half a right angle
-        return turned(values / TURN_UNIT, self.hair) if self.row.turns else values
-
-
-TURN_UNIT = 0.1 / 0.8
+    def _displaced(self, values: Tensor, hair: Tensor) -> Tensor:
+        return turned(values / TURN_UNIT, hair) if self.row.turns else values

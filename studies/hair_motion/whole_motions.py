@@ -12,8 +12,8 @@ from dynhair.avatar.deformer import DISPLACEMENT_UNIT
 from dynhair.avatar.encoding import positional_encoding
 
 
-def modal_values(deformer: ModalDeformer, conditions: Float[Tensor, "m f c"]) -> Float[Tensor, "m f n k 3"]:
-    """What a modal deformer says of each point in every frame of motions that begin at rest.
+def modal_amplitudes(deformer: ModalDeformer, conditions: Float[Tensor, "m f c"]) -> Float[Tensor, "m f r"]:
+    """Where the modes are in every frame of motions that begin at rest.
 
     Args:
         deformer: whose window is not shorter than the motions.
@@ -25,14 +25,17 @@ def modal_values(deformer: ModalDeformer, conditions: Float[Tensor, "m f c"]) ->
     since = torch.arange(frames)[:, None] - torch.arange(1, frames)[None] + 1
     responses = deformer.oscillators.step_responses(since.clamp_min(0).flatten().to(forces))
     responses = responses.view(frames, frames - 1, -1) * (since > 0)[..., None]
-    amplitudes = forces[:, :1] + torch.einsum("fsk,msk->mfk", responses, forces.diff(dim=1))
+    return forces[:, :1] + torch.einsum("fsr,msr->mfr", responses, forces.diff(dim=1))
+
+
+def modal_shapes(deformer: ModalDeformer) -> Float[Tensor, "n k 3 r"]:
+    """By how much each mode displaces each point, metres."""
     hidden = deformer.code
     for layer in deformer.mlp:
         hidden = functional.leaky_relu(layer(hidden))
-    knots = deformer.spline.shape[1]
-    shapes = deformer.shapes(hidden).view(knots, -1, 3, amplitudes.shape[-1])
-    along = torch.einsum("lk,kncr->nlcr", deformer.root_attenuation[:, None] * deformer.spline, shapes)
-    return torch.einsum("nlcr,mfr->mfnlc", DISPLACEMENT_UNIT * along, amplitudes)
+    shapes = deformer.shapes(hidden).view(deformer.spline.shape[1], deformer.strands, 3, -1)
+    along = DISPLACEMENT_UNIT * deformer.root_attenuation[:, None] * deformer.spline
+    return torch.einsum("lk,kncr->nlcr", along, shapes)
 
 
 def paper_batch(deformer: PaperDeformer, windows: Float[Tensor, "b t c"]) -> Float[Tensor, "b n k 3"]:
@@ -51,9 +54,9 @@ def paper_batch(deformer: PaperDeformer, windows: Float[Tensor, "b t c"]) -> Flo
     return torch.einsum("lk,bknc->bnlc", along, at_knots)
 
 
-def turned(turns: Float[Tensor, "*b n k 3"], canonical: Float[Tensor, "n k 3"]) -> Float[Tensor, "*b n k 3"]:
+def turned(turns: Float[Tensor, "*b n k 3"], canonical: Float[Tensor, "*#b n k 3"]) -> Float[Tensor, "*b n k 3"]:
     """Displacements of strands whose segments turn, by a rotation vector at each one's lower end, and keep lengths."""
-    segments = canonical.diff(dim=1)
+    segments = canonical.diff(dim=-2)
     vectors = turns[..., 1:, :]
     angle = vectors.norm(dim=-1, keepdim=True)
     across = torch.linalg.cross(vectors, segments.expand_as(vectors))
