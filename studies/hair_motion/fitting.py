@@ -16,6 +16,7 @@ from dynhair.avatar import ModalDeformer, PaperDeformer
 from dynhair.config import DeformerConfig
 from dynhair.errors import DynhairError
 from dynhair.motion import MotionSignals, SignalNormalizer, motion_window
+from dynhair.strands import with_lengths
 
 EVERY = 4
 """Of so many guides one is fitted and measured: neighbours move alike."""
@@ -68,6 +69,7 @@ ROWS = {
     "16 modes": Row(replace(MODES, modes=16)),
     "24 modes": Row(MODES),
     "32 modes": Row(replace(MODES, modes=32)),
+    "24 modes, inextensible": Row(replace(MODES, inextensible=True)),
     "24 modes, turns": Row(MODES, turns=True),
     "24 modes, fixed units": Row(MODES, fixed=True),
     "24 modes, fixed units, noise": Row(MODES, fixed=True, noise=NOISE),
@@ -186,4 +188,10 @@ class _Network(nn.Module):
         return self._displaced(values, self.canonical)
 
     def _displaced(self, values: Tensor, hair: Tensor) -> Tensor:
-        return turned(values / TURN_UNIT, hair) if self.row.turns else values
+        if self.row.turns:
+            return turned(values / TURN_UNIT, hair)
+        if self.row.config.inextensible:
+            rest = hair.expand_as(values)
+            moved = with_lengths((rest + values).flatten(0, -3), rest.flatten(0, -3))
+            return moved.view_as(values) - rest
+        return values

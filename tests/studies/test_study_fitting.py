@@ -78,6 +78,15 @@ def test_a_fit_can_be_repeated() -> None:
     assert not torch.equal(first, fitted(row, learned, seed=5, steps=3)(learned[0]))
 
 
+@pytest.mark.parametrize("row", [Row(replace(SMALL, inextensible=True)), Row(SMALL, turns=True, mirror=True)])
+def test_strands_that_only_bend_keep_their_lengths(row: Row) -> None:
+    motion = made_motion("turn")
+    moved = motion.canonical + fitted(row, [motion], steps=2)(motion)
+    lengths = motion.canonical.diff(dim=1).norm(dim=-1)
+    torch.testing.assert_close(moved.diff(dim=2).norm(dim=-1), lengths.expand(75, -1, -1), rtol=1e-4, atol=1e-6)
+    assert (moved - motion.canonical).norm(dim=-1).max() > 1e-5
+
+
 def test_strands_are_thinned_in_step() -> None:
     motion = made_motion("turn")
     few = thinned(motion, 4)
