@@ -76,7 +76,10 @@ def growth_figure(found: Results, grooms: Sequence[str]) -> Figure:
             if len(points) > 1:
                 seconds = [count * FRAMES / FPS for count, _ in points]
                 panel.plot(seconds, [np.mean(values) for _, values in points], marker="o", markersize=3, label=row)
+        lengths = sorted({count * FRAMES / FPS for kept, _, count in found if kept == groom})
         panel.set(title=f"{groom} hair", xlabel="seconds of training motion", xscale="log")
+        panel.set_xticks(lengths, [f"{length:g}" for length in lengths])
+        panel.minorticks_off()
         panel.grid(alpha=0.3)
     panels[0].set_ylabel("motion explained, unseen")
     if panels[0].get_legend_handles_labels()[0]:
