@@ -62,11 +62,17 @@ def go_on(capture: Path, run: Path) -> str:
 
 
 def assert_same_avatar(one: Path, other: Path, tolerance: float = 0.0) -> None:
-    """Avatars agree, to the last bit by default."""
+    """Avatars agree, to the last bit by default.
+
+    With a tolerance, one value in a hundred of a tensor may be ten times as far off: where a gradient is hardly more
+    than its rounding, Adam makes steps of that.
+    """
     a = safetensors.torch.load_file(one / "avatar" / "avatar.safetensors")
     b = safetensors.torch.load_file(other / "avatar" / "avatar.safetensors")
     assert a.keys() == b.keys()
     for name, value in a.items():
         assert value.shape == b[name].shape, name
         if value.numel():
-            assert (value.double() - b[name].double()).abs().max() <= tolerance, name
+            difference = (value.double() - b[name].double()).abs()
+            assert difference.max() <= 10 * tolerance, name
+            assert (difference > tolerance).double().mean() <= 0.01, name
