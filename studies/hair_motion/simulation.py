@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 import tempfile
 from dataclasses import asdict
 from pathlib import Path
@@ -16,7 +14,7 @@ from studies.hair_motion.motions import FPS, HeadMotion, head_motion
 
 from dynhair.animation.procedural import PIVOT
 from dynhair.errors import DynhairError
-from dynhair.export.blender import SCENE, Z_UP, blender_program
+from dynhair.export.blender import Z_UP, run_in_blender
 from dynhair.storage import atomic_file, write_json
 
 SCRIPT = Path(__file__).with_name("blender_hair.py")
@@ -102,24 +100,8 @@ def posed_head(head: HeadMesh, motion: HeadMotion) -> Float64[np.ndarray, "f v 3
 
 
 def _blender(parts: Path, path: Path) -> Float[np.ndarray, "f n k 3"]:
-    command = [str(SCRIPT) if part == str(SCENE) else part for part in blender_program()]
     written = parts / "guides.npy"
-    # what of our environment is for our Python is wrong for Blender's
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
-    done = subprocess.run(
-        [*command, str(parts), str(written)],
-        env=environment,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        errors="replace",
-        check=False,
-    )
-    if done.returncode or not written.exists():
-        said = "\n".join((done.stdout + done.stderr).strip().splitlines()[-12:])
-        raise DynhairError(
-            f"Blender failed with status {done.returncode}:\n{said}", path=path, expected="Blender 5.0 or later"
-        )
+    run_in_blender(SCRIPT, parts, written, path)
     found = np.load(written, allow_pickle=False)
     if not np.isfinite(found).all():
         raise DynhairError("Blender's hair flew off", path=path, expected="finite positions")

@@ -54,28 +54,42 @@ def write_blend(path: Path | str, motion: StrandMotion, camera: Camera | None = 
     Raises:
         DynhairError: there is no Blender, it fails, or a frame is not what the motion says.
     """
-    command = blender_program()
     with tempfile.TemporaryDirectory() as parts, atomic_file(path) as temporary:
         _write_parts(Path(parts), motion, camera)
-        # what of our environment is for our Python is wrong for Blender's
-        environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
-        done = subprocess.run(
-            [*command, parts, str(temporary.resolve())],
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            check=False,
+        run_in_blender(SCENE, Path(parts), temporary.resolve(), path)
+
+
+def run_in_blender(script: Path, parts: Path, written: Path, path: Path | str) -> None:
+    """Run a script in Blender.
+
+    Args:
+        script: the first of its arguments is where it reads, the second what it writes.
+        parts: the folder that it reads.
+        written: the file that it writes.
+        path: what is made by it in the end, for the message of an error.
+
+    Raises:
+        DynhairError: there is no Blender, or it fails.
+    """
+    # what of our environment is for our Python is wrong for Blender's
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    done = subprocess.run(
+        [*blender_program(script), str(parts), str(written)],
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
+    )
+    if done.returncode or not written.exists() or not written.stat().st_size:
+        said = "\n".join((done.stdout + done.stderr).strip().splitlines()[-12:])
+        raise DynhairError(
+            f"Blender failed with status {done.returncode}:\n{said}", path=path, expected="Blender 5.0 or later"
         )
-        if done.returncode or not temporary.stat().st_size:
-            said = "\n".join((done.stdout + done.stderr).strip().splitlines()[-12:])
-            raise DynhairError(
-                f"Blender failed with status {done.returncode}:\n{said}", path=path, expected="Blender 5.0 or later"
-            )
 
 
-def blender_program() -> list[str]:
+def blender_program(script: Path = SCENE) -> list[str]:
     """The command that runs a script in Blender, but for the script's arguments.
 
     It is the program that the variable DYNHAIR_BLENDER names, ``blender`` on the path, or this Python if it has
@@ -96,8 +110,8 @@ def blender_program() -> list[str]:
             "python3.11 -m venv bpy && bpy/bin/pip install bpy==5.0.1, and then bpy/bin/python",
         )
     if Path(program).stem.lower().startswith("python"):
-        return [program, str(SCENE)]
-    return [program, "--background", "--factory-startup", "--python-exit-code", "1", "--python", str(SCENE), "--"]
+        return [program, str(script)]
+    return [program, "--background", "--factory-startup", "--python-exit-code", "1", "--python", str(script), "--"]
 
 
 def _write_parts(folder: Path, motion: StrandMotion, camera: Camera | None) -> None:
