@@ -91,6 +91,21 @@ def test_a_table_shows_figures_as_the_paper_does(tmp_path: Path) -> None:
     assert filled.goals[keys.index("hair_velocity")] is Goal.NONE
 
 
+@pytest.mark.parametrize(("truth", "goal", "best"), [(20.0, Goal.TRUTH, "ours"), (None, Goal.LOW, "rigid")])
+def test_still_hair_explodes_least_but_the_truth_moves(
+    truth: float | None, goal: Goal, best: str, tmp_path: Path
+) -> None:
+    rows = [
+        made_row(tmp_path, method, {"ver": ver, "ver_truth": truth}) for method, ver in (("ours", 15.0), ("rigid", 0.0))
+    ]
+    filled = fill(TABLE_2, Scene.of(Comparison.open(made_comparison(tmp_path, rows)), "long"))
+    assert filled is not None
+    ver = [column.key for column in filled.layout.columns].index("ver")
+    assert filled.goals[ver] is goal
+    marked = [line.cells[ver].mark for line in filled.lines]
+    assert marked == (["best", "second"] if best == "ours" else ["second", "best"])
+
+
 def test_the_papers_two_tables_of_ablations_share_out_the_rows(tmp_path: Path) -> None:
     methods = ("ours", "no-film", "one-view", "something-new")
     rows = [made_row(tmp_path, method, {"psnr": 20.0}) for method in methods]
