@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
+from dynhair.comparison.options import PresetName
 from dynhair.config import PRESETS, Config, chosen_config, preset, read_config, write_config
 from dynhair.errors import DynhairError
 
@@ -63,3 +65,7 @@ def test_given_iterations_and_seed_win() -> None:
     assert (config.training.iterations, config.training.seed) == (5, 3)
     assert config.hair == preset("tiny").hair
     assert chosen_config("tiny", None, None, None) == preset("tiny")
+
+
+def test_the_command_line_names_every_preset() -> None:
+    assert set(get_args(PresetName)) == set(PRESETS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -72,3 +73,17 @@ def test_json_has_no_infinity(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="JSON"):
         write_json(tmp_path / "v.json", {"a": float("inf")})
     assert not list(tmp_path.iterdir())
+
+
+def test_others_may_read_what_a_writer_kept_to_itself(tmp_path: Path) -> None:
+    before = os.umask(0o022)
+    try:
+        with atomic_folder(tmp_path / "folder") as folder:
+            (folder / "inner").mkdir(mode=0o700)
+            (folder / "inner" / "secret").touch(mode=0o600)
+    finally:
+        os.umask(before)
+    modes = {
+        path.name: path.stat().st_mode & 0o777 for path in (tmp_path / "folder", *(tmp_path / "folder").rglob("*"))
+    }
+    assert modes == {"folder": 0o755, "inner": 0o755, "secret": 0o644}

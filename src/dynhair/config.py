@@ -37,6 +37,7 @@ class DeformerConfig:
         signals: what it sees of the motion: ``velocity`` and acceleration, or the absolute ``pose`` (an ablation).
         acceleration: whether it sees the angular acceleration.
         gravity: whether it sees the relative direction of gravity.
+        turn: whether modes see how the head has turned since rest: what lies on the shoulders stays behind.
         encoder: what embeds the window: an ``lstm``, or an ``mlp`` over all its frames (an ablation).
         film: whether the embedding scales and shifts the points' features, or is one more feature of each.
         signal_frequencies: octaves of the encoding of motion signals.
@@ -58,6 +59,7 @@ class DeformerConfig:
     signals: Literal["velocity", "pose"] = "velocity"
     acceleration: bool = True
     gravity: bool = True
+    turn: bool = False
     encoder: Literal["lstm", "mlp"] = "lstm"
     film: bool = True
     signal_frequencies: int = 4
@@ -292,6 +294,9 @@ _SUPPLEMENT = LossWeights(perceptual=0.1, perceptual_raised=0.6)
 # and more penetration a single frame can be fitted to a hair IoU of 0.86, and to 0.83 without, for its hair lies on the
 # shoulders and not behind them.
 _MEASURED = dataclasses.replace(_SUPPLEMENT, orientation=5.0, elastic=200_000.0, penetration=1000.0, reach=500.0)
+# With a training motion held out, 1,000 steps: its hair IoU was 0.757 at the default rates, 0.769 at these, and 0.766 at
+# twice to three times these, where the other motions gained.
+_RATES = LearningRates(deformer=3e-3, modes=1e-2)
 
 
 @dataclass(frozen=True)
@@ -308,7 +313,9 @@ class Config:
 PRESETS: Mapping[str, Config] = {
     "tiny": Config(
         hair=HairConfig(
-            strands=600, points=24, deformer=DeformerConfig("modal", HISTORIES["modal"], width=64, inextensible=True)
+            strands=600,
+            points=24,
+            deformer=DeformerConfig("modal", HISTORIES["modal"], width=64, turn=True, inextensible=True),
         ),
         static=StaticConfig(encoder_iterations=20, style_generations=8, iterations=250),
         mesh=MeshHeadConfig(resolution=32, iterations=150),
@@ -320,26 +327,30 @@ PRESETS: Mapping[str, Config] = {
             weights=LossWeights(penetration=1000.0),
             # so short a static stage leaves strands astray: at the other presets' rate, hair IoU on the demo's training
             # motions is 0.83 in the place of 0.88
-            rates=LearningRates(strands=5e-4),
+            rates=dataclasses.replace(_RATES, strands=5e-4),
         ),
     ),
     "small": Config(
         hair=HairConfig(
-            deformer=DeformerConfig("modal", HISTORIES["modal"], position_frequencies=3, inextensible=True)
+            deformer=DeformerConfig("modal", HISTORIES["modal"], turn=True, position_frequencies=3, inextensible=True)
         ),
-        training=TrainingConfig(iterations=12_000, checkpoint_every=1000, weights=_MEASURED),
+        training=TrainingConfig(iterations=12_000, checkpoint_every=1000, weights=_MEASURED, rates=_RATES),
     ),
     "medium": Config(
         hair=HairConfig(
             strands=5000,
             points=40,
-            deformer=DeformerConfig("modal", HISTORIES["modal"], position_frequencies=3, knots=12, inextensible=True),
+            deformer=DeformerConfig(
+                "modal", HISTORIES["modal"], turn=True, position_frequencies=3, knots=12, inextensible=True
+            ),
         ),
         static=StaticConfig(encoder_iterations=400, iterations=4000, views=4, weights=StaticWeights(perceptual=0.01)),
         head=HeadConfig(
             gaussians=60_000, mouth_gaussians=1500, features=64, deformation_width=128, appearance_width=64
         ),
-        training=TrainingConfig(iterations=40_000, views=4, image_size=512, checkpoint_every=1000, weights=_MEASURED),
+        training=TrainingConfig(
+            iterations=40_000, views=4, image_size=512, checkpoint_every=1000, weights=_MEASURED, rates=_RATES
+        ),
     ),
     "paper": Config(
         hair=HairConfig(strands=11_000, points=40, deformer=DeformerConfig(hidden=256, width=256, layers=4, knots=0)),
@@ -410,12 +421,16 @@ def chosen_config(
 def with_deformer(config: Config, kind: DeformerKind) -> Config:
     """A configuration with another kind of deformer, which looks as far back as is good for that one.
 
-    The paper's also stretches strands, as in the paper.
+    The paper's also stretches strands and does not see the head's turn since rest, as in the paper.
     """
     if kind == config.hair.deformer.kind:
         return config
     deformer = dataclasses.replace(
-        config.hair.deformer, kind=kind, history=HISTORIES[kind], inextensible=kind == "modal"
+        config.hair.deformer,
+        kind=kind,
+        history=HISTORIES[kind],
+        turn=kind == "modal",
+        inextensible=kind == "modal",
     )
     return dataclasses.replace(config, hair=dataclasses.replace(config.hair, deformer=deformer))
 

@@ -42,7 +42,9 @@ def atomic_folder(path: Path | str) -> Iterator[Path]:
     old = temporary.with_name(temporary.name + "-old")
     try:
         yield temporary
-        temporary.chmod(0o777 & ~_umask())
+        mask = _umask()
+        for made in (temporary, *temporary.rglob("*")):  # some writers keep what they make from others
+            made.chmod((0o777 if made.is_dir() else 0o666) & ~mask)
         if path.exists():
             path.replace(old)
         temporary.replace(path)

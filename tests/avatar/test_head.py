@@ -222,9 +222,8 @@ def test_skinning_has_finite_gradients_everywhere(pose: HeadPose) -> None:
     moved = pose.corrected(change)
     points, follow = torch.randn(7, 3), torch.rand(7)
     quats = torch.nn.functional.normalize(torch.randn(7, 4), dim=1)
-    (
-        skinning.world(points, follow, moved).square().sum() + skinning.turned(quats, follow, moved)[:, 0].sum()
-    ).backward()
+    placement = skinning.placement(moved)
+    (placement.moved(points, follow).square().sum() + placement.turned(quats, follow)[:, 0].sum()).backward()
     for gradient in (change.grad, skinning.body_response.grad):
         assert gradient is not None
         assert torch.isfinite(gradient).all()
@@ -240,14 +239,14 @@ def test_discs_turn_as_their_points_do() -> None:
         follow = torch.full((9,), share)
         origin = skinning.world(torch.zeros(9, 3), follow, TURNED)
         tips = torch.stack([skinning.world(axes[:, :, axis], follow, TURNED) - origin for axis in range(3)], 2)
-        turned = facing_matrices(skinning.turned(quats, follow, TURNED).detach())
+        turned = facing_matrices(skinning.placement(TURNED).turned(quats, follow).detach())
         torch.testing.assert_close(turned, tips.detach(), atol=1e-5, rtol=0)
 
 
 def test_between_head_and_body_discs_turn_half_way() -> None:
     skinning = Skinning(pose_of([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]))
     identity = torch.tensor([[1.0, 0, 0, 0]])
-    half = skinning.turned(identity, torch.tensor([0.5]), pose_of([0.0, 0.8, 0.0], [0.0, 0.0, 0.0]))
+    half = skinning.placement(pose_of([0.0, 0.8, 0.0], [0.0, 0.0, 0.0])).turned(identity, torch.tensor([0.5]))
     torch.testing.assert_close(half[0], rotation_quaternion(torch.tensor([0.0, 0.4, 0.0])))
 
 

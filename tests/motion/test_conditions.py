@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 
+import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 from dynhair.config import DeformerConfig
 from dynhair.errors import DynhairError
-from dynhair.motion import MotionSignals, SignalNormalizer, motion_window, signal_names
+from dynhair.motion import MotionSignals, Rest, SignalNormalizer, motion_window, signal_names
 
 
 def signals(count: int = 20, seed: int = 0, scale: float = 3.0) -> MotionSignals:
@@ -70,10 +72,20 @@ def test_noise_on_a_still_axis_is_not_magnified() -> None:
         (DeformerConfig(gravity=False), ("omega", "alpha")),
         (DeformerConfig(kind="modal"), ("omega", "alpha", "pull")),
         (DeformerConfig(kind="modal", acceleration=False), ("omega", "pull")),
+        (DeformerConfig(turn=True), ("omega", "alpha", "gravity")),
         (DeformerConfig(signals="pose"), ("rotation", "translation", "gravity")),
         (DeformerConfig(signals="pose", gravity=False), ("rotation", "translation")),
     ],
-    ids=["paper", "no acceleration", "no gravity", "modes", "modes, no acceleration", "pose", "pose alone"],
+    ids=[
+        "paper",
+        "no acceleration",
+        "no gravity",
+        "modes",
+        "modes, no acceleration",
+        "paper, turn",
+        "pose",
+        "pose alone",
+    ],
 )
 def test_conditions_hold_what_is_chosen_and_nothing_else(config: DeformerConfig, names: tuple[str, ...]) -> None:
     train = signals()
@@ -123,8 +135,24 @@ def test_frames_outside_the_segment_are_refused(frame: int) -> None:
 
 
 def test_a_pull_counts_in_gravities_from_that_at_rest_and_is_not_clamped() -> None:
-    train, rest = signals(scale=30.0), torch.tensor([0.0, -9.0, 3.0])
+    train, rest = signals(scale=30.0), Rest(torch.eye(3), torch.tensor([0.0, -9.0, 3.0]))
     conditions = SignalNormalizer.fit([train], DeformerConfig(kind="modal"), rest)(train)
-    torch.testing.assert_close(conditions[:, 6:], (train.pull - rest) / 9.81)
+    torch.testing.assert_close(conditions[:, 6:], (train.pull - rest.pull) / 9.81)
     by_default = SignalNormalizer.fit([train], DeformerConfig(kind="modal"))(train)
     assert by_default[0, 6:].abs().max() == 0
+
+
+def test_a_turn_counts_from_rest_in_the_heads_frame() -> None:
+    rest, turns = Rotation.from_rotvec([0.3, -0.5, 0.2]), Rotation.from_rotvec(0.4 * np.eye(3))
+    pose = replace(signals(3), rotation=torch.from_numpy((rest * turns).as_rotvec()).float())
+    config = DeformerConfig(kind="modal", gravity=False, turn=True)
+    resting = Rest(torch.from_numpy(rest.as_matrix()).float(), torch.zeros(3))
+    assert signal_names(config) == ("omega", "alpha", "turn")
+    torch.testing.assert_close(
+        SignalNormalizer.fit([pose], config, resting)(pose)[:, 6:], torch.eye(3), atol=1e-5, rtol=0
+    )
+    by_default = SignalNormalizer.fit([pose], config)(pose)[:, 6:]
+    assert by_default[0].abs().max() < 1e-5
+    expected = (turns[0].inv() * turns).as_rotvec()
+    largest = np.maximum(np.abs(expected).max(0), 0.05)
+    np.testing.assert_allclose(by_default.numpy(), expected / largest, atol=1e-4)

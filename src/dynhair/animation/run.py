@@ -20,6 +20,7 @@ from dynhair.avatar import Avatar
 from dynhair.baselines.loading import open_driven_head
 from dynhair.camera import Camera
 from dynhair.capture import HeadTrack
+from dynhair.device import best_device
 from dynhair.errors import DynhairError
 from dynhair.evaluation.protocol import DrivenHead
 from dynhair.progress import StageProgress
@@ -42,7 +43,7 @@ def run_animation(
     speed: float = 1.0,
     smoothing: float = 0.0,
     rigid_hair: bool = False,
-    device: torch.device | str = "cpu",
+    device: torch.device | str | None = None,
     console: Console | None = None,
 ) -> list[Path]:
     """Drive an avatar by a motion, film it, and write the frames as they come, in constant memory.
@@ -63,7 +64,7 @@ def run_animation(
         speed: factor of the natural pace of a motion by name.
         smoothing: Hz above which motion counts as jitter; 0 for none.
         rigid_hair: keep the hair in its canonical shape.
-        device: where the avatar is posed and drawn.
+        device: where the avatar is posed and drawn; a GPU where there is one, when left out.
         console: where progress goes; standard output when left out.
 
     Returns:
@@ -76,7 +77,7 @@ def run_animation(
     video = out if out.suffix.lower() == ".mp4" else None
     if video is None and out.suffix:
         raise DynhairError(f"`{out.suffix}` is no ending of a video", path=out, expected="FILE.mp4 or a folder")
-    recording, head = recording_of(avatar), open_driven_head(avatar, device)
+    recording, head = recording_of(avatar), open_driven_head(avatar, device or best_device())
     if isinstance(head, Avatar):
         head = head.frozen()
     if capture is None and (names_segment(motion) or names_camera(camera)):

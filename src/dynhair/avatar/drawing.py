@@ -87,7 +87,8 @@ def draw_avatar(
     Raises:
         DynhairError: with super-resolution, the images' sides are not multiples of its factor.
     """
-    drawn = list(cameras) if super_resolution is None else _reduced(cameras, super_resolution.factor)
+    cameras = [camera.to(background.device) for camera in cameras]
+    drawn = cameras if super_resolution is None else _reduced(cameras, super_resolution.factor)
     head, look = posed.head, posed.hair
     hair = drawn_hair(posed.strands, look.widths, look.base_harmonic, look.higher_harmonics, drawn)
     further = head.colours.shape[1] - 3

@@ -139,7 +139,8 @@ class Head(nn.Module):
 
     def world_means(self, pose: HeadPose) -> Float[Tensor, "k 3"]:
         """Positions in the world, metres (appendix A, "Deformation module")."""
-        return self._world_means(pose, self.skinning.pose_code(pose))
+        means = self._head_means(pose, self.skinning.pose_code(pose))
+        return self.skinning.world(means, self.follow, pose)
 
     def forward(self, pose: HeadPose) -> HeadGaussians:
         """The posed Gaussians in the world (appendix A, "Appearance and attributes")."""
@@ -160,9 +161,10 @@ class Head(nn.Module):
         """The Gaussians in the world, on any device, from what the attribute networks say."""
         log_scales, quats, logits = (self.config.attribute_scale * offsets).split([3, 4, 1], dim=-1)
         quats = self.modes.turned(nn.functional.normalize(self.quats + quats, dim=-1), pose.expression)
+        placement = self.skinning.placement(pose)
         return Posed(
-            means=self._world_means(pose, code),
-            quats=self.skinning.turned(quats, self.follow, pose),
+            means=placement.moved(self._head_means(pose, code), self.follow),
+            quats=placement.turned(quats, self.follow),
             log_scales=self.modes.grown(self.log_scales + log_scales, pose.expression),
             logits=self.opacity_logits + logits[:, 0],
         )
@@ -173,12 +175,12 @@ class Head(nn.Module):
         canonical = Canonical(self.means, self.quats, self.log_scales, self.opacity_logits, self.follow, moved, offsets)
         change = self.modes.change(pose.expression, len(self.means))
         reaches = self.config.deformation_scale, self.config.attribute_scale
-        return posed_gaussians(canonical, change, self.skinning.frames(pose), reaches)
+        return posed_gaussians(canonical, change, self.skinning.placement(pose).numbers, reaches)
 
-    def _world_means(self, pose: HeadPose, code: Float[Tensor, " q"]) -> Float[Tensor, "k 3"]:
-        """Positions in the world, given the encoded pose."""
+    def _head_means(self, pose: HeadPose, code: Float[Tensor, " q"]) -> Float[Tensor, "k 3"]:
+        """Positions in the head frame, metres, given the encoded pose."""
         moved = self.config.deformation_scale * self._moved(pose, code)
-        return self.skinning.world(self.modes.displaced(self.means, pose.expression) + moved, self.follow, pose)
+        return self.modes.displaced(self.means, pose.expression) + moved
 
     def _moved(self, pose: HeadPose, code: Float[Tensor, " q"]) -> Float[Tensor, "k 3"]:
         """What the deformation networks say, each component in [-1, 1]."""

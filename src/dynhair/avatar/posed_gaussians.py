@@ -73,7 +73,7 @@ def posed_gaussians(
     Args:
         canonical: the Gaussians.
         change: what the expression does to them.
-        frames: where head and body are, see :meth:`dynhair.avatar.skinning.Skinning.frames`.
+        frames: where head and body are, see :attr:`dynhair.avatar.skinning.Placement.numbers`.
         reaches: factors on ``moved`` (metres) and on ``offsets``.
 
     Raises:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -10,6 +12,38 @@ from dynhair.avatar.encoding import CANONICAL_UNIT, ENCODING_FREQUENCIES, positi
 from dynhair.avatar.head_pose import HeadPose
 from dynhair.avatar.rotations import multiply_quaternions, rotation_quaternion
 from dynhair.motion import so3_exp, so3_log
+
+
+class Placement(NamedTuple):
+    """Where head and body are in a frame: rotations, translations (metres), and rotations as unit quaternions, wxyz.
+
+    The quaternions are on the same side of their sphere, so that they can be blended.
+    """
+
+    head_rotation: Float[Tensor, "3 3"]
+    head_translation: Float[Tensor, "3"]
+    body_rotation: Float[Tensor, "3 3"]
+    body_translation: Float[Tensor, "3"]
+    head_quaternion: Float[Tensor, "4"]
+    body_quaternion: Float[Tensor, "4"]
+
+    @property
+    def numbers(self) -> Float[Tensor, "32"]:
+        """All of them, rotations row by row."""
+        return torch.cat([part.flatten() for part in self])
+
+    def moved(self, points: Float[Tensor, "k 3"], follow: Float[Tensor, " k"]) -> Float[Tensor, "k 3"]:
+        """Points of the head frame in the world, metres; see :meth:`Skinning.world`."""
+        with_head = points @ self.head_rotation.T + self.head_translation
+        with_body = points @ self.body_rotation.T + self.body_translation
+        return torch.lerp(with_body, with_head, follow[:, None])
+
+    def turned(self, quats: Float[Tensor, "k 4"], follow: Float[Tensor, " k"]) -> Float[Tensor, "k 4"]:
+        """Rotations (wxyz) of the head frame in the world, between head and body along the shorter way."""
+        # the product is linear in both, so that the two can be turned before they are blended
+        with_head = multiply_quaternions(self.head_quaternion, quats)
+        with_body = multiply_quaternions(self.body_quaternion, quats)
+        return nn.functional.normalize(torch.lerp(with_body, with_head, follow[:, None]), dim=-1)
 
 
 class Skinning(nn.Module):
@@ -45,24 +79,13 @@ class Skinning(nn.Module):
             follow: 1 for a point that moves with the head, 0 for one that moves with the body.
             pose: the frame's.
         """
-        rotation, translation = self.body(pose)
-        with_head = points @ pose.rotation.T + pose.translation
-        with_body = points @ rotation.T + translation
-        return torch.lerp(with_body, with_head, follow[:, None])
+        return self.placement(pose).moved(points, follow)
 
-    def turned(self, quats: Float[Tensor, "k 4"], follow: Float[Tensor, " k"], pose: HeadPose) -> Float[Tensor, "k 4"]:
-        """Rotations (wxyz) of the head frame in the world, between head and body along the shorter way."""
-        head, body = self._quaternions(pose, self._answer(pose)[0])
-        # the product is linear in both, so that the two can be turned before they are blended
-        blended = torch.lerp(multiply_quaternions(body, quats), multiply_quaternions(head, quats), follow[:, None])
-        return nn.functional.normalize(blended, dim=-1)
-
-    def frames(self, pose: HeadPose) -> Float[Tensor, "32"]:
-        """Rotation matrix and translation of head and body in the world, then their quaternions (wxyz, unit)."""
+    def placement(self, pose: HeadPose) -> Placement:
+        """Where head and body are."""
         turned, moved = self._answer(pose)
-        rotation, translation = self._body(turned, moved)
-        places = [pose.rotation.flatten(), pose.translation, rotation.flatten(), translation]
-        return torch.cat([*places, *self._quaternions(pose, turned)])
+        head, body = self._quaternions(pose, turned)
+        return Placement(pose.rotation, pose.translation, *self._body(turned, moved), head, body)
 
     def pose_code(self, pose: HeadPose) -> Float[Tensor, " p"]:
         """What the networks hear of a pose: rotation vector, and translation from rest in canonical units, encoded."""

@@ -71,6 +71,9 @@ class _HarmonicSum(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, base: Tensor, higher: Tensor, basis: Tensor) -> Tensor:
         ctx.save_for_backward(basis)
+        if basis.is_cuda:  # a few large operations: each has to be launched
+            coefficients = torch.cat([base, higher])
+            return torch.stack([(coefficients * basis[:, None, view]).sum(0) for view in range(basis.shape[1])])
         views = []
         for view in range(basis.shape[1]):
             values = base[0] * basis[0, view]
@@ -84,6 +87,9 @@ class _HarmonicSum(torch.autograd.Function):
         (basis,) = ctx.saved_tensors
         coefficients = basis[:, :1] * gradients[0][0]
         for view in range(1, basis.shape[1]):
+            if basis.is_cuda:
+                coefficients.addcmul_(basis[:, None, view], gradients[0][view])
+                continue
             for coefficient, weight in zip(coefficients, basis[:, view], strict=True):
                 coefficient.addcmul_(gradients[0][view], weight)
         return coefficients[:1], coefficients[1:], None

@@ -17,6 +17,7 @@ from dynhair.baselines.start import start_bound_gaussians, start_gaussian_head_a
 from dynhair.baselines.strandless import StrandlessHead, StrandlessImages
 from dynhair.capture import Capture
 from dynhair.config import Config
+from dynhair.device import best_device
 from dynhair.errors import DynhairError
 from dynhair.losses import PerceptualDistance
 from dynhair.progress import StageProgress
@@ -56,10 +57,9 @@ def train_strandless(
             f"the run was trained on {run.capture}", path=out, expected=str(data.path), mend="name that capture"
         )
     keep_large_blocks()
-    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     start = {"gha": start_gaussian_head_avatar, "ga": start_bound_gaussians}[name]
     with large_pieces(), explained_shortage("the training", run.config, DYNAMIC_SETTINGS):
-        head = start(data, run.config).to(device)
+        head = start(data, run.config).to(best_device())
         training = StrandlessTraining(name, head, run, data, console)
         training.finish(None if minutes is None else 60 * minutes)
     head.eval().save(run.avatar)

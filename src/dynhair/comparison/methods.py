@@ -28,6 +28,7 @@ LABELS: Mapping[str, str] = {
     "pose": "w/ pose",
     "no-acceleration": "w/o acceleration",
     "no-gravity": "w/o gravity",
+    "no-turn": "w/o turn",
     "no-elastic": "w/o elastic term",
     "stretching": "w/ strands that stretch",
     "no-film": "w/o FiLM",

@@ -18,6 +18,7 @@ from dynhair import __version__
 from dynhair.avatar import Avatar
 from dynhair.baselines import open_driven_head
 from dynhair.capture import Capture
+from dynhair.device import best_device
 from dynhair.errors import DynhairError
 from dynhair.evaluation.appearance import Appearance
 from dynhair.evaluation.expressions import ExpressionSheet
@@ -57,7 +58,7 @@ def run_evaluation(
     out: Path | str,
     *,
     appearance: Appearance | None = None,
-    device: torch.device | str = "cpu",
+    device: torch.device | str | None = None,
     console: Console | None = None,
 ) -> RunEvaluation:
     """Evaluate an avatar, or what a run has so far, against a capture; print tables, and write figures and pictures.
@@ -73,7 +74,7 @@ def run_evaluation(
             ``contact_sheet.png`` and, where expressions vary, ``expressions.png``; or ``cross_<segment>.mp4`` of an
             avatar that another person drives.
         appearance: networks that compare images; the published ones when left out.
-        device: where the avatar is posed and rendered.
+        device: where the avatar is posed and rendered; a GPU where there is one, when left out.
         console: where progress and tables go; standard output when left out.
 
     Raises:
@@ -87,7 +88,7 @@ def run_evaluation(
     figures: dict[str, Any] = {"dynhair": __version__, "avatar": path.resolve().name}
     motion, written = None, []
     if avatar_folder(path).exists() or not hairstyles:
-        avatar = open_driven_head(path, device)
+        avatar = open_driven_head(path, device or best_device())
         own = _own_capture(run, capture)
         if own is not None and another_person(own, capture):
             return RunEvaluation(_reenact(avatar, own, capture, figures, out, console), None)

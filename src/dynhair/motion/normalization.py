@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -10,28 +11,42 @@ from torch import Tensor, nn
 
 from dynhair.config import DeformerConfig
 from dynhair.errors import DynhairError
+from dynhair.motion.rotations import so3_exp, so3_log
 from dynhair.motion.signals import MotionSignals
 
-FLOORS = {"omega": 0.05, "alpha": 0.5, "rotation": 0.05, "translation": 0.01}
-"""rad/s, rad/s^2, rad, metres: an axis whose range in the training set is below this is not magnified any further."""
+FLOORS = {"omega": 0.05, "alpha": 0.5, "rotation": 0.05, "translation": 0.01, "turn": 0.05}
+"""rad/s, rad/s^2, rad, metres, rad: an axis with a smaller range in the training set is not magnified any further."""
 
 GRAVITY = 9.81
 """m/s^2, what a pull is measured in."""
+
+
+class Rest(NamedTuple):
+    """The head while the hair is at rest.
+
+    Attributes:
+        rotation: head frame to world.
+        pull: of gravity, in the head frame, m/s^2.
+    """
+
+    rotation: Float[Tensor, "3 3"]
+    pull: Float[Tensor, "3"]
 
 
 def signal_names(config: DeformerConfig) -> tuple[str, ...]:
     """Which of the :class:`MotionSignals` the hair sees, in the order of the conditions' columns.
 
     The paper's are angular velocity, angular acceleration and gravity; pose, and the lack of any, are its ablations
-    (table 2). Modes see the pull in the place of
-    gravity.
+    (table 2). Modes see the pull in the place of gravity, and may see the head's turn since rest, which is a rotation
+    vector in its frame.
     """
     if config.kind == "paper" and config.signals == "pose":
         motion = ("rotation", "translation")
     else:
         motion = ("omega", "alpha") if config.acceleration else ("omega",)
     gravity = "gravity" if config.kind == "paper" else "pull"
-    return (*motion, gravity) if config.gravity else motion
+    turn = ("turn",) if config.kind == "modal" and config.turn else ()
+    return (*motion, gravity, *turn) if config.gravity else (*motion, *turn)
 
 
 class SignalNormalizer(nn.Module):
@@ -39,8 +54,8 @@ class SignalNormalizer(nn.Module):
 
     The maxima are per axis. An axis that hardly moved would turn tracking noise into full-scale conditions, so maxima
     are never less than a physical floor. Gravity is a direction and stays as it is; translations count from their mean,
-    and a pull, in gravities, from that on the head at rest. All that is buffers, saved with the model; a fresh
-    normalizer divides by one.
+    a turn from the head at rest, and a pull, in gravities, from that on it. All that is buffers, saved with the model;
+    a fresh normalizer divides by one.
 
     Args:
         config: which signals the hair sees; the paper's by default.
@@ -56,20 +71,22 @@ class SignalNormalizer(nn.Module):
             self.register_buffer("translation_mean", torch.zeros(3))
         if "pull" in self.names:
             self.register_buffer("pull_at_rest", torch.zeros(3))
+        if "turn" in self.names:
+            self.register_buffer("rest_rotation", torch.eye(3))
 
     @classmethod
     def fit(
         cls,
         signals: Sequence[MotionSignals],
         config: DeformerConfig | None = None,
-        pull_at_rest: Float[Tensor, "3"] | None = None,
+        rest: Rest | None = None,
     ) -> SignalNormalizer:
         """Take the maxima over the motions of the training set.
 
         Args:
             signals: the motion of each training segment.
             config: which signals the hair sees; the paper's by default.
-            pull_at_rest: on the head at rest, in its frame, m/s^2; that in the first frame by default.
+            rest: the head at rest; as in the first frame by default.
 
         Raises:
             DynhairError: there are none.
@@ -80,7 +97,10 @@ class SignalNormalizer(nn.Module):
         if "translation" in normalizer.names:
             normalizer.get_buffer("translation_mean").copy_(torch.cat([s.translation for s in signals]).mean(0))
         if "pull" in normalizer.names:
-            normalizer.get_buffer("pull_at_rest").copy_(signals[0].pull[0] if pull_at_rest is None else pull_at_rest)
+            normalizer.get_buffer("pull_at_rest").copy_(signals[0].pull[0] if rest is None else rest.pull)
+        if "turn" in normalizer.names:
+            rotation = so3_exp(signals[0].rotation[0]) if rest is None else rest.rotation
+            normalizer.get_buffer("rest_rotation").copy_(rotation)
         for name in normalizer.names:
             if name in FLOORS:
                 largest = torch.cat([normalizer._centred(s, name) for s in signals]).abs().amax(0)
@@ -98,5 +118,7 @@ class SignalNormalizer(nn.Module):
         return (values / self.get_buffer(f"{name}_max")).clamp(-1, 1) if name in FLOORS else values
 
     def _centred(self, signals: MotionSignals, name: str) -> Float[Tensor, "f 3"]:
+        if name == "turn":
+            return so3_log(self.get_buffer("rest_rotation").T @ so3_exp(signals.rotation))
         values = getattr(signals, name)
         return values - self.get_buffer("translation_mean") if name == "translation" else values

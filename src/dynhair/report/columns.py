@@ -35,7 +35,7 @@ class Column:
         decimals: shown; three significant digits of the largest value where None.
         scale: by which the figure is multiplied when it is shown.
         unit: after scaling, for sentences.
-        untold: which values are good where the truth's own figure is unknown, if the goal is the truth.
+        without_truth: which values are good where the truth's own figure is unknown, if the goal is the truth.
     """
 
     key: str
@@ -45,7 +45,7 @@ class Column:
     decimals: int | None
     scale: float = 1.0
     unit: str = ""
-    untold: Goal = Goal.NONE
+    without_truth: Goal = Goal.NONE
 
     @property
     def truth(self) -> str:
@@ -54,7 +54,7 @@ class Column:
 
     def goal_without_truth(self) -> Goal:
         """What is good where the truth's own figure is unknown."""
-        return self.untold if self.goal is Goal.TRUTH else self.goal
+        return self.without_truth if self.goal is Goal.TRUTH else self.goal
 
     def places(self, values: Collection[float]) -> int:
         """Decimals that all of a column's values are shown with."""
@@ -118,10 +118,10 @@ ACCELERATION = Column("hair_acceleration", "accel., mm/s²", "acceleration of th
 PHYSICS = Group(
     "Physics",
     (
-        Column("ver", "VER", "velocity explosion ratio", Goal.TRUTH, None, untold=Goal.LOW),
-        Column("p95_disp", "P95", "spikes of displacement (P95)", Goal.TRUTH, None, untold=Goal.LOW),
-        Column("cts", "CTS", "change of curvature over time (CTS)", Goal.TRUTH, None, untold=Goal.LOW),
-        Column("amd", "AMD", "drift of angular momentum (AMD)", Goal.TRUTH, None, untold=Goal.LOW),
+        Column("ver", "VER", "velocity explosion ratio", Goal.TRUTH, None, without_truth=Goal.LOW),
+        Column("p95_disp", "P95", "spikes of displacement (P95)", Goal.TRUTH, None, without_truth=Goal.LOW),
+        Column("cts", "CTS", "change of curvature over time (CTS)", Goal.TRUTH, None, without_truth=Goal.LOW),
+        Column("amd", "AMD", "drift of angular momentum (AMD)", Goal.TRUTH, None, without_truth=Goal.LOW),
     ),
 )
 SILHOUETTE = Group(

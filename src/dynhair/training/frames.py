@@ -10,6 +10,7 @@ from torch import Tensor
 
 from dynhair.capture import Capture, HeadTrack, Segment, View
 from dynhair.errors import DynhairError
+from dynhair.motion import Rest
 
 
 def training_segments(capture: Capture) -> list[Segment]:
@@ -33,11 +34,11 @@ def head_frame(track: HeadTrack, index: int) -> Callable[[Tensor], Tensor]:
     return lambda points: (points - translation) @ rotation
 
 
-def pull_at_rest(capture: Capture) -> Float[Tensor, "3"]:
-    """Gravity in the head frame of the rest frame, m/s^2: what the canonical hair bears."""
+def head_at_rest(capture: Capture) -> Rest:
+    """The head in the rest frame, and what the canonical hair bears there."""
     segment, index = rest_frame(capture)
     rotation = torch.from_numpy(capture.track(segment).rotations[index])
-    return (rotation.T @ torch.from_numpy(capture.gravity)).float()
+    return Rest(rotation.float(), (rotation.T @ torch.from_numpy(capture.gravity)).float())
 
 
 def training_cameras(capture: Capture, count: int) -> list[str]:

@@ -17,6 +17,7 @@ from dynhair.avatar.mesh_head import MeshHead
 from dynhair.avatar.mlp import quick_precision, use_precision
 from dynhair.capture import DEFAULT_CACHE_BYTES, Capture
 from dynhair.config import Config
+from dynhair.device import best_device
 from dynhair.errors import DynhairError
 from dynhair.losses import PerceptualDistance
 from dynhair.motion import SignalNormalizer, motion_signals
@@ -26,7 +27,7 @@ from dynhair.strands.files import read_strands
 from dynhair.threads import keep_large_blocks, large_pieces
 from dynhair.training.batches import load_batch
 from dynhair.training.checkpoint import Checkpoint
-from dynhair.training.frames import pull_at_rest, rest_frame, training_cameras, training_segments
+from dynhair.training.frames import head_at_rest, rest_frame, training_cameras, training_segments
 from dynhair.training.head_mesh import capture_head_mesh
 from dynhair.training.head_on_mesh import start_head_on_mesh
 from dynhair.training.head_start import start_head
@@ -131,8 +132,7 @@ def with_precision(config: Config) -> Config:
     """The configuration with ``auto`` precision decided, so that a resumed run computes as it began."""
     if config.training.precision != "auto":
         return config
-    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    precision = "bfloat16" if quick_precision(device) == torch.bfloat16 else "float32"
+    precision = "bfloat16" if quick_precision(best_device()) == torch.bfloat16 else "float32"
     return dataclasses.replace(config, training=dataclasses.replace(config.training, precision=precision))
 
 
@@ -187,7 +187,7 @@ class _Training:
         hair = Hair(strands, strand_width(len(strands)), self._hair_colour(), deformer, self.config.hair.dynamic)
         use_precision(hair, self._precision)
         signals = [motion_signals(self.capture.track(segment)) for segment in self.segments]
-        normalizer = SignalNormalizer.fit(signals, deformer, pull_at_rest(self.capture))
+        normalizer = SignalNormalizer.fit(signals, deformer, head_at_rest(self.capture))
         background = torch.from_numpy(self.capture.background).float()
         layer = ScalpLayer.under(strands[:, 0], head.means.detach(), started.scalp)
         basis, recording = self.capture.expression_basis, capture_recording(self.capture)
