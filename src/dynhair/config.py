@@ -294,8 +294,8 @@ _SUPPLEMENT = LossWeights(perceptual=0.1, perceptual_raised=0.6)
 # and more penetration a single frame can be fitted to a hair IoU of 0.86, and to 0.83 without, for its hair lies on the
 # shoulders and not behind them.
 _MEASURED = dataclasses.replace(_SUPPLEMENT, orientation=5.0, elastic=200_000.0, penetration=1000.0, reach=500.0)
-# With a training motion held out, 1,000 steps: its hair IoU was 0.757 at the default rates, 0.769 at these, and 0.766 at
-# twice to three times these, where the other motions gained.
+# With a training motion held out, 1,000 steps: its hair IoU was 0.757 at the default rates, 0.769 at these, and 0.766
+# at two to three times these, where the other motions gained.
 _RATES = LearningRates(deformer=3e-3, modes=1e-2)
 
 

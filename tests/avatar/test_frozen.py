@@ -60,6 +60,7 @@ def test_it_draws_the_same_images(threads: int) -> None:
         {"knots": 3},
         {"layers": 3},
         {"kind": "modal"},
+        {"kind": "modal", "turn": True},
         {"inextensible": True},
     ],
     ids=str,
