@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
@@ -29,6 +31,19 @@ def head_track(rotations: np.ndarray = TURNING, translation: tuple[float, float,
 
 
 SMALL = DeformerConfig(hidden=8, width=16, history=2, knots=0)
+
+MOTION_KINDS: tuple[dict[str, Any], ...] = (
+    {},
+    {"signals": "pose"},
+    {"encoder": "mlp"},
+    {"film": False},
+    {"knots": 3},
+    {"layers": 3},
+    {"kind": "modal"},
+    {"kind": "modal", "turn": True},
+    {"inextensible": True},
+)
+"""Changes of :data:`SMALL` that give hair each way to move."""
 
 
 def make_avatar(

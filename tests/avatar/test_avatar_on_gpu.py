@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import torch
 
-from tiny_avatars import FRAMES, SMALL, front_camera, head_track, make_avatar
+from tiny_avatars import FRAMES, MOTION_KINDS, SMALL, front_camera, head_track, make_avatar
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 
@@ -16,19 +16,7 @@ TRACK = head_track()
 CAMERA = front_camera()
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {},
-        {"signals": "pose"},
-        {"encoder": "mlp"},
-        {"film": False},
-        {"knots": 3},
-        {"kind": "modal"},
-        {"inextensible": True},
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize("change", MOTION_KINDS, ids=str)
 def test_it_is_posed_and_drawn_as_on_the_cpu(change: dict[str, Any]) -> None:
     deformer = replace(SMALL, **change)
     there, here = make_avatar(deformer=deformer).eval().cuda(), make_avatar(deformer=deformer).eval()
@@ -58,7 +46,7 @@ def test_gradients_are_those_of_the_cpu(kind: Any) -> None:
         assert (found[name] - gradient).norm() <= 0.02 * gradient.norm() + 1e-7, name
 
 
-def test_frozen_and_live_give_the_same() -> None:
+def test_frozen_gives_the_same() -> None:
     avatar = make_avatar(deformer=replace(SMALL, kind="modal")).eval().cuda()
     frozen = avatar.frozen()
     with torch.no_grad():

@@ -19,7 +19,7 @@ from dynhair.avatar.frozen_layers import FrozenBranches, FrozenLayers
 from dynhair.editing import Trim
 from dynhair.errors import DynhairError
 from dynhair.threads import large_pieces
-from tiny_avatars import FRAMES, SMALL, front_camera, head_track, make_avatar
+from tiny_avatars import FRAMES, MOTION_KINDS, SMALL, front_camera, head_track, make_avatar
 
 TRACK = head_track()
 METRES, COLOUR = 1e-6, 1e-3  # one in a thousand: a Gaussian at the edge of what is blended may come or go
@@ -51,20 +51,7 @@ def test_it_draws_the_same_images(threads: int) -> None:
         torch.set_num_threads(before)
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"signals": "pose"},
-        {"encoder": "mlp"},
-        {"film": False},
-        {"knots": 3},
-        {"layers": 3},
-        {"kind": "modal"},
-        {"kind": "modal", "turn": True},
-        {"inextensible": True},
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize("change", MOTION_KINDS, ids=str)
 def test_every_kind_of_hair_motion_stays(change: dict[str, Any]) -> None:
     avatar = make_avatar(deformer=replace(SMALL, **change)).eval()
     assert (avatar.pose(TRACK, 3).strands - avatar.pose(TRACK, 3, rigid_hair=True).strands).abs().max() > 1e-4

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from dynhair.config import DeformerConfig
 from dynhair.errors import DynhairError
-from dynhair.motion import MotionSignals, Rest, SignalNormalizer, motion_window, signal_names
+from dynhair.motion import HeadAtRest, MotionSignals, SignalNormalizer, motion_window, signal_names
 
 
 def signals(count: int = 20, seed: int = 0, scale: float = 3.0) -> MotionSignals:
@@ -135,7 +135,7 @@ def test_frames_outside_the_segment_are_refused(frame: int) -> None:
 
 
 def test_a_pull_counts_in_gravities_from_that_at_rest_and_is_not_clamped() -> None:
-    train, rest = signals(scale=30.0), Rest(torch.eye(3), torch.tensor([0.0, -9.0, 3.0]))
+    train, rest = signals(scale=30.0), HeadAtRest(torch.eye(3), torch.tensor([0.0, -9.0, 3.0]))
     conditions = SignalNormalizer.fit([train], DeformerConfig(kind="modal"), rest)(train)
     torch.testing.assert_close(conditions[:, 6:], (train.pull - rest.pull) / 9.81)
     by_default = SignalNormalizer.fit([train], DeformerConfig(kind="modal"))(train)
@@ -146,7 +146,7 @@ def test_a_turn_counts_from_rest_in_the_heads_frame() -> None:
     rest, turns = Rotation.from_rotvec([0.3, -0.5, 0.2]), Rotation.from_rotvec(0.4 * np.eye(3))
     pose = replace(signals(3), rotation=torch.from_numpy((rest * turns).as_rotvec()).float())
     config = DeformerConfig(kind="modal", gravity=False, turn=True)
-    resting = Rest(torch.from_numpy(rest.as_matrix()).float(), torch.zeros(3))
+    resting = HeadAtRest(torch.from_numpy(rest.as_matrix()).float(), torch.zeros(3))
     assert signal_names(config) == ("omega", "alpha", "turn")
     torch.testing.assert_close(
         SignalNormalizer.fit([pose], config, resting)(pose)[:, 6:], torch.eye(3), atol=1e-5, rtol=0

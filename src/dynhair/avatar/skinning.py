@@ -34,9 +34,8 @@ class Placement(NamedTuple):
 
     def moved(self, points: Float[Tensor, "k 3"], follow: Float[Tensor, " k"]) -> Float[Tensor, "k 3"]:
         """Points of the head frame in the world, metres; see :meth:`Skinning.world`."""
-        with_head = points @ self.head_rotation.T + self.head_translation
-        with_body = points @ self.body_rotation.T + self.body_translation
-        return torch.lerp(with_body, with_head, follow[:, None])
+        head, body = (self.head_rotation, self.head_translation), (self.body_rotation, self.body_translation)
+        return _moved(points, follow, head, body)
 
     def turned(self, quats: Float[Tensor, "k 4"], follow: Float[Tensor, " k"]) -> Float[Tensor, "k 4"]:
         """Rotations (wxyz) of the head frame in the world, between head and body along the shorter way."""
@@ -79,7 +78,7 @@ class Skinning(nn.Module):
             follow: 1 for a point that moves with the head, 0 for one that moves with the body.
             pose: the frame's.
         """
-        return self.placement(pose).moved(points, follow)
+        return _moved(points, follow, (pose.rotation, pose.translation), self.body(pose))
 
     def placement(self, pose: HeadPose) -> Placement:
         """Where head and body are."""
@@ -110,3 +109,14 @@ class Skinning(nn.Module):
         turned = so3_log(pose.rotation @ self.rest_rotation.T)
         answer = self.body_response @ torch.cat([turned, pose.translation - self.rest_translation])
         return answer[:3], answer[3:]
+
+
+def _moved(
+    points: Float[Tensor, "k 3"],
+    follow: Float[Tensor, " k"],
+    head: tuple[Float[Tensor, "3 3"], Float[Tensor, "3"]],
+    body: tuple[Float[Tensor, "3 3"], Float[Tensor, "3"]],
+) -> Float[Tensor, "k 3"]:
+    """Points between where head and body carry them, each a rotation and a translation (metres)."""
+    with_head, with_body = (points @ rotation.T + translation for rotation, translation in (head, body))
+    return torch.lerp(with_body, with_head, follow[:, None])

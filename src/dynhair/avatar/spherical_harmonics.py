@@ -87,11 +87,7 @@ class _HarmonicSum(torch.autograd.Function):
         (basis,) = ctx.saved_tensors
         coefficients = basis[:, :1] * gradients[0][0]
         for view in range(1, basis.shape[1]):
-            if basis.is_cuda:
-                coefficients.addcmul_(basis[:, None, view], gradients[0][view])
-                continue
-            for coefficient, weight in zip(coefficients, basis[:, view], strict=True):
-                coefficient.addcmul_(gradients[0][view], weight)
+            coefficients.addcmul_(basis[:, None, view], gradients[0][view])
         return coefficients[:1], coefficients[1:], None
 
 

@@ -1,14 +1,14 @@
 """Head motion: the signals that drive the hair."""
 
-from dynhair.motion.normalization import Rest, SignalNormalizer, signal_names
+from dynhair.motion.normalization import HeadAtRest, SignalNormalizer, signal_names
 from dynhair.motion.rest_alignment import RestAlignment
 from dynhair.motion.rotations import so3_exp, so3_log
 from dynhair.motion.signals import MotionSignals, motion_signals
 from dynhair.motion.windows import motion_window
 
 __all__ = [
+    "HeadAtRest",
     "MotionSignals",
-    "Rest",
     "RestAlignment",
     "SignalNormalizer",
     "motion_signals",

@@ -21,7 +21,7 @@ GRAVITY = 9.81
 """m/s^2, what a pull is measured in."""
 
 
-class Rest(NamedTuple):
+class HeadAtRest(NamedTuple):
     """The head while the hair is at rest.
 
     Attributes:
@@ -44,9 +44,9 @@ def signal_names(config: DeformerConfig) -> tuple[str, ...]:
         motion = ("rotation", "translation")
     else:
         motion = ("omega", "alpha") if config.acceleration else ("omega",)
-    gravity = "gravity" if config.kind == "paper" else "pull"
-    turn = ("turn",) if config.kind == "modal" and config.turn else ()
-    return (*motion, gravity, *turn) if config.gravity else (*motion, *turn)
+    if config.gravity:
+        motion = (*motion, "gravity" if config.kind == "paper" else "pull")
+    return (*motion, "turn") if config.kind == "modal" and config.turn else motion
 
 
 class SignalNormalizer(nn.Module):
@@ -79,7 +79,7 @@ class SignalNormalizer(nn.Module):
         cls,
         signals: Sequence[MotionSignals],
         config: DeformerConfig | None = None,
-        rest: Rest | None = None,
+        rest: HeadAtRest | None = None,
     ) -> SignalNormalizer:
         """Take the maxima over the motions of the training set.
 

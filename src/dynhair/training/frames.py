@@ -10,7 +10,7 @@ from torch import Tensor
 
 from dynhair.capture import Capture, HeadTrack, Segment, View
 from dynhair.errors import DynhairError
-from dynhair.motion import Rest
+from dynhair.motion import HeadAtRest
 
 
 def training_segments(capture: Capture) -> list[Segment]:
@@ -34,11 +34,11 @@ def head_frame(track: HeadTrack, index: int) -> Callable[[Tensor], Tensor]:
     return lambda points: (points - translation) @ rotation
 
 
-def head_at_rest(capture: Capture) -> Rest:
+def head_at_rest(capture: Capture) -> HeadAtRest:
     """The head in the rest frame, and what the canonical hair bears there."""
     segment, index = rest_frame(capture)
     rotation = torch.from_numpy(capture.track(segment).rotations[index])
-    return Rest(rotation.float(), (rotation.T @ torch.from_numpy(capture.gravity)).float())
+    return HeadAtRest(rotation.float(), (rotation.T @ torch.from_numpy(capture.gravity)).float())
 
 
 def training_cameras(capture: Capture, count: int) -> list[str]:
