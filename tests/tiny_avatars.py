@@ -55,7 +55,7 @@ def make_avatar(
     torch.manual_seed(0)
     roots = torch.nn.functional.normalize(torch.randn(20, 3), dim=1) * 0.1
     strands = roots[:, None] + torch.linspace(0, 0.1, 8)[None, :, None] * torch.tensor([0.0, -1.0, 0.3])
-    hair = Hair(strands, 0.002, torch.tensor([0.4, 0.2, 0.1]), deformer, dynamic)
+    hair = Hair(strands, 0.008, torch.tensor([0.4, 0.2, 0.1]), deformer, dynamic)
     means = torch.nn.functional.normalize(torch.randn(100, 3), dim=1) * 0.09
     config = HeadConfig(
         features=4,

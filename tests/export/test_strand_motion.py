@@ -59,7 +59,7 @@ def test_widths_narrow_towards_the_root_as_those_of_the_segments(avatar: Avatar)
     torch.testing.assert_close((points[1:5] + points[:4]) / 2, root_taper(8)[:4])
     assert points[4:].eq(1).all()
     motion = strand_motion(avatar, head_track())
-    np.testing.assert_allclose(motion.widths, np.tile(0.002 * point_taper(8).numpy(), (20, 1)), rtol=1e-6)
+    np.testing.assert_allclose(motion.widths, np.tile(0.008 * point_taper(8).numpy(), (20, 1)), rtol=1e-6)
 
 
 def test_colours_are_what_the_harmonics_average_to(avatar: Avatar) -> None:

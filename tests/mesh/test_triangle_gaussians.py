@@ -147,8 +147,8 @@ def test_a_finer_drawing_has_a_narrower_silhouette() -> None:
     beyond, beyond_averaged = (
         float((alpha.sum() / torch.pi).sqrt()) - seen_radius(size) for alpha in (plain, averaged)
     )
-    assert 1 < beyond < 1.5
-    assert 0 < beyond_averaged < 0.7
+    assert 0.5 < beyond < 1
+    assert 0 < beyond_averaged < beyond - 0.2
     assert 1 - float(silhouette_iou_loss(averaged[0], disc(size, seen_radius(size)))) > 0.98
 
 

@@ -60,7 +60,7 @@ def test_arguments_and_images(calls: list[dict[str, Any]], views: int | None) ->
     assert call["near_plane"] == 0.01
     assert call["eps2d"] == 0.3
     assert call["render_mode"] == "RGB+ED"
-    assert call["rasterize_mode"] == "classic"
+    assert call["rasterize_mode"] == "antialiased"
     assert call.get("sh_degree") is None
 
     expected = rasterize(gaussians, cameras, backend="reference")

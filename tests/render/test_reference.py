@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
+import pytest
 import torch
 from gaussian_scenes import NAMES, camera, leaves, random_gaussians
 from scipy.spatial.transform import Rotation
 
+from dynhair.camera import Camera
 from dynhair.render import Gaussians, rasterize
 from dynhair.render.reference import project_gaussians, quaternion_matrix
 
@@ -13,19 +17,40 @@ from dynhair.render.reference import project_gaussians, quaternion_matrix
 def test_one_gaussian_is_a_bell_around_its_projection() -> None:
     view = camera(61, 41)
     gaussians = Gaussians(
-        means=torch.tensor([[0.02, -0.01, 0.1]]),
+        means=torch.tensor([[0.0, 0.0, 0.1]]),
         quats=torch.tensor([[1.0, 0.0, 0.0, 0.0]]),
-        scales=torch.zeros(1, 3),
+        scales=torch.tensor([[0.02, 0.01, 0.0]]),
         opacities=torch.tensor([0.6]),
         features=torch.tensor([[0.5]]),
     )
+    view = Camera(torch.tensor([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1]]), view.K, 61, 41)
     rendering = rasterize(gaussians, view, backend="reference")
-    pixel = view.project(gaussians.means)[0][0]
     y, x = torch.meshgrid(torch.arange(41) + 0.5, torch.arange(61) + 0.5, indexing="ij")
-    bell = 0.6 * torch.exp(-((x - pixel[0]) ** 2 + (y - pixel[1]) ** 2) / (2 * 0.3))
+    variance_x = (view.K[0, 0] * 0.02 / 1.1) ** 2
+    variance_y = (view.K[1, 1] * 0.01 / 1.1) ** 2
+    share = torch.sqrt(variance_x * variance_y / ((variance_x + 0.3) * (variance_y + 0.3)))
+    power = (x - view.K[0, 2]) ** 2 / (variance_x + 0.3) + (y - view.K[1, 2]) ** 2 / (variance_y + 0.3)
+    bell = 0.6 * share * torch.exp(-power / 2)
     bell[bell < 1 / 255] = 0
     torch.testing.assert_close(rendering.alpha[0], bell)
     torch.testing.assert_close(rendering.features[0, ..., 0], 0.5 * bell)
+
+
+@pytest.mark.parametrize("width", [0.005, 0.01, 0.03])
+@pytest.mark.parametrize("turn", [0.0, 0.7])
+def test_what_is_thinner_than_a_pixel_covers_its_own_area(width: float, turn: float) -> None:
+    """A needle of 0.1 to 0.7 pixels: dilated to more than a pixel, it covers what it would if it were not."""
+    view = Camera(torch.tensor([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1]]), camera(50, 50).K, 50, 50)
+    gaussians = Gaussians(
+        means=torch.zeros(1, 3),
+        quats=torch.tensor([[math.cos(turn / 2), 0.0, 0.0, math.sin(turn / 2)]]),
+        scales=torch.tensor([[0.1, width / 3, 0.0]]),
+        opacities=torch.tensor([0.9]),
+        features=torch.ones(1, 1),
+    )
+    covered = rasterize(leaves(gaussians, torch.float64), view, backend="reference").alpha.sum()
+    own = 0.9 * 2 * math.pi * 0.1 * width / 3 * view.K[0, 0] * view.K[1, 1]
+    torch.testing.assert_close(covered, own.double(), rtol=0.05, atol=0)
 
 
 def test_covariances_are_those_of_projected_samples() -> None:
@@ -35,7 +60,7 @@ def test_covariances_are_those_of_projected_samples() -> None:
     scales = 0.02 * gaussians.scales
     axes = quaternion_matrix(gaussians.quats) * scales[:, None]
     normal = torch.randn(200_000, 3, generator=generator, dtype=torch.float64)
-    _, covariances, _ = project_gaussians(gaussians.means, gaussians.quats, scales, view)
+    _, covariances, _, _ = project_gaussians(gaussians.means, gaussians.quats, scales, view)
     for mean, axis, covariance in zip(gaussians.means, axes, covariances, strict=True):
         pixels, _ = view.project(mean + normal @ axis.T)
         spread = torch.cov(pixels.T) + 0.3 * torch.eye(2, dtype=torch.float64)

@@ -40,7 +40,7 @@ def rasterize_cuda(gaussians: Gaussians, cameras: Sequence[Camera]) -> Rendering
         eps2d=0.3,
         packed=False,
         render_mode="RGB+ED",
-        rasterize_mode="classic",
+        rasterize_mode="antialiased",
     )
     return Rendering(features=colors[..., :-1], alpha=alphas[..., 0], depth=colors[..., -1])
 

@@ -34,6 +34,9 @@ def rasterize(
     transmittance would reach 1e-4, what is nearer than 0.01 m is not drawn, and the projection's Jacobian is taken no
     further out than 1.3 times the field of view.
 
+    A dilated Gaussian is made as much fainter as it has become larger (the 2D Mip filter of Yu et al. 2024):
+    hair is thinner than a pixel, and would else cover several.
+
     A Gaussian with a NaN or an infinity in any of its attributes, or with a zero quaternion, is not drawn and its
     gradient is zero.
 

@@ -37,11 +37,11 @@ def _render_view(gaussians: Gaussians, features: Tensor, camera: Camera) -> tupl
     camera = camera.to(gaussians.means.device, gaussians.means.dtype)
     drawn = _drawable(gaussians, features, camera)
     means, quats, scales = gaussians.means[drawn], gaussians.quats[drawn], gaussians.scales[drawn]
-    centres, covariances, depths = project_gaussians(means, quats, scales, camera)
+    centres, covariances, shares, depths = project_gaussians(means, quats, scales, camera)
     order = torch.argsort(depths.detach(), stable=True)
     conics = torch.linalg.inv(covariances)[order]
     centres, depths = centres[order], depths[order]
-    opacities, features = gaussians.opacities[drawn][order], features[drawn][order]
+    opacities, features = (gaussians.opacities[drawn] * shares)[order], features[drawn][order]
     blended = torch.cat([depths[:, None], features], dim=1)
 
     rows = torch.arange(camera.height, dtype=means.dtype, device=means.device) + 0.5
@@ -75,11 +75,12 @@ def _drawable(gaussians: Gaussians, features: Tensor, camera: Camera) -> Bool[Te
 
 def project_gaussians(
     means: Float[Tensor, "n 3"], quats: Float[Tensor, "n 4"], scales: Float[Tensor, "n 3"], camera: Camera
-) -> tuple[Float[Tensor, "n 2"], Float[Tensor, "n 2 2"], Float[Tensor, " n"]]:
+) -> tuple[Float[Tensor, "n 2"], Float[Tensor, "n 2 2"], Float[Tensor, " n"], Float[Tensor, " n"]]:
     """Project Gaussians in front of the camera (3DGS, eq. 5).
 
     Returns:
-        Centres in pixels, dilated covariances in squared pixels, depths in metres.
+        Centres in pixels, dilated covariances in squared pixels, shares of the opacity that a dilated Gaussian keeps
+        (the 2D Mip filter of Yu et al. 2024), depths in metres.
     """
     rotation, translation, K = camera.w2c[:, :3], camera.w2c[:, 3], camera.K
     focal, centre = K.diagonal()[:2], K[:2, 2]
@@ -96,7 +97,8 @@ def project_gaussians(
 
     spread = jacobian @ rotation @ (quaternion_matrix(quats) * scales[:, None, :])
     covariances = spread @ spread.mT + DILATION * torch.eye(2, dtype=means.dtype, device=means.device)
-    return slopes * focal + centre, covariances, depths
+    shares = torch.linalg.cross(*spread.unbind(1)).norm(dim=1) / torch.linalg.det(covariances).sqrt()
+    return slopes * focal + centre, covariances, shares, depths
 
 
 def quaternion_matrix(quats: Float[Tensor, "n 4"]) -> Float[Tensor, "n 3 3"]:

@@ -37,7 +37,6 @@ _CHECKED_POINTS = 2000
 _COARSE, _MIDDLE = 0.25, 0.55
 _SMALLEST = 64
 _WINDOW = 128
-_OVERSAMPLING = 2
 _HAIR = 0.5
 
 
@@ -101,9 +100,7 @@ class StaticObjective:
         weights = self.config.weights
         views = self._views(step, iterations)
         colours = paint.segments(strands.shape[1] - 1)
-        images = render_painted_hair(
-            strands, self.width, self.scene.body, views.cameras, colours, paint.body, oversampling=_OVERSAMPLING
-        )
+        images = render_painted_hair(strands, self.width, self.scene.body, views.cameras, colours, paint.body)
         rgb = images.rgb + (1 - images.alpha)[..., None] * self._background
         generator = torch.Generator().manual_seed(self.seed * 1_000_003 + step)
         points = sample_strand_points(strands, _CHECKED_POINTS, generator=generator)

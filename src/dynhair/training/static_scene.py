@@ -10,7 +10,6 @@ import torch
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 from torch import Tensor
-from torch.nn import functional
 
 from dynhair.camera import Camera
 from dynhair.render import Gaussians, rasterize
@@ -98,13 +97,8 @@ def render_painted_hair(
     cameras: Sequence[Camera],
     hair_colours: Float[Tensor, "g 3"],
     body_colours: Float[Tensor, "b 3"],
-    *,
-    oversampling: int = 1,
 ) -> PaintedImages:
     """Draw strands and body as :func:`render_hair` does, in the colours of their Gaussians.
-
-    A strand thinner than a pixel is drawn more than a pixel wide, for Gaussians are dilated, and opaque. Where that
-    matters, draw it larger and average.
 
     Args:
         strands: head frame, metres.
@@ -113,15 +107,10 @@ def render_painted_hair(
         cameras: the views.
         hair_colours: of the strands' segments.
         body_colours: of the body's Gaussians.
-        oversampling: pixels drawn for each side of a pixel of the result.
     """
-    finer = [camera.resized(camera.width * oversampling, camera.height * oversampling) for camera in cameras]
-    scene = _scene(strands, width, body, finer, torch.cat([hair_colours, body_colours]))
-    drawn = rasterize(scene, finer)
-    images = torch.cat([drawn.features, drawn.alpha[..., None]], -1)
-    if oversampling > 1:
-        images = functional.avg_pool2d(images.movedim(-1, 1), oversampling).movedim(1, -1)
-    return PaintedImages(images[..., 0], images[..., 1:3], images[..., 3:6], images[..., 6])
+    drawn = rasterize(_scene(strands, width, body, cameras, torch.cat([hair_colours, body_colours])), cameras)
+    images = drawn.features
+    return PaintedImages(images[..., 0], images[..., 1:3], images[..., 3:6], drawn.alpha)
 
 
 def _scene(

@@ -10,6 +10,7 @@ struct Projection {
     Vec T[2][3];                     // Jacobian times world-to-camera rotation
     Vec U[2][3];                     // T R diag(scale): the 2D covariance is U U^T + dilation
     Vec cov_xx, cov_xy, cov_yy, inverse_det;
+    Vec cross[3], area;              // U[0] x U[1], and its square: the determinant of U U^T
 
     // Reads 16 rows of `width` floats into columns; rows past the end repeat the last one.
     static inline void gather(const float* rows, int width, int count, Vec* columns)
@@ -70,9 +71,10 @@ struct Projection {
         cov_xy = U[0][0] * U[1][0] + U[0][1] * U[1][1] + U[0][2] * U[1][2];
         cov_yy = yy + DILATION;
         // |u|^2 |v|^2 - (u.v)^2 = |u x v|^2: cov_xx * cov_yy - cov_xy^2 would cancel for long thin Gaussians.
-        const Vec c0 = U[0][1] * U[1][2] - U[0][2] * U[1][1];
-        const Vec c1 = U[0][2] * U[1][0] - U[0][0] * U[1][2];
-        const Vec c2 = U[0][0] * U[1][1] - U[0][1] * U[1][0];
-        inverse_det = 1.0f / (c0 * c0 + c1 * c1 + c2 * c2 + DILATION * (xx + yy) + DILATION * DILATION);
+        cross[0] = U[0][1] * U[1][2] - U[0][2] * U[1][1];
+        cross[1] = U[0][2] * U[1][0] - U[0][0] * U[1][2];
+        cross[2] = U[0][0] * U[1][1] - U[0][1] * U[1][0];
+        area = cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2];
+        inverse_det = 1.0f / (area + DILATION * (xx + yy) + DILATION * DILATION);
     }
 };
