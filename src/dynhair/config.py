@@ -55,7 +55,7 @@ class DeformerConfig:
 
     kind: DeformerKind = "paper"
     history: int = 5
-    modes: int = 24
+    modes: int = 48
     signals: Literal["velocity", "pose"] = "velocity"
     acceleration: bool = True
     gravity: bool = True

@@ -34,7 +34,7 @@ OMEGA, ALPHA = 3.0, 30.0
 TURN_UNIT = 0.1
 """Metres that stand for a turn of one radian, where what a deformer says turns segments."""
 
-MODES = DeformerConfig(kind="modal", history=FRAMES, position_frequencies=4, knots=0)
+MODES = DeformerConfig(kind="modal", history=FRAMES, modes=24, position_frequencies=4, knots=0)
 PAPER = DeformerConfig(kind="paper", position_frequencies=6, knots=0)
 
 
