@@ -11,7 +11,7 @@ from dynhair.capture import Capture
 from dynhair.config import Config
 from dynhair.motion import SignalNormalizer, motion_signals
 from dynhair.strands import sample_roots
-from dynhair.training.frames import head_frame, rest_frame, training_segments
+from dynhair.training.frames import head_at_rest, head_frame, rest_frame, training_segments
 from dynhair.training.head_start import start_head
 from dynhair.training.objective import JointObjective
 from dynhair.training.surface import tracked_surface
@@ -25,7 +25,8 @@ def started(capture: Capture, config: Config) -> JointObjective:
     start = start_head(capture, config.head, 0)
     strands = hanging_strands(capture, config.hair.strands, config.hair.points)
     hair = Hair(strands, 0.001, torch.full((3,), 0.3), config.hair.deformer)
-    normalizer = SignalNormalizer.fit([motion_signals(capture.track(segment)) for segment in segments])
+    signals = [motion_signals(capture.track(segment)) for segment in segments]
+    normalizer = SignalNormalizer.fit(signals, config.hair.deformer, head_at_rest(capture))
     scalp = ScalpLayer.under(strands[:, 0], start.head.means.detach(), start.scalp)
     avatar = Avatar(hair, start.head, normalizer, torch.zeros(3), scalp)
     use_precision(avatar, quick_precision(torch.device("cpu")))

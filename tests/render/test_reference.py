@@ -14,8 +14,14 @@ from dynhair.render import Gaussians, rasterize
 from dynhair.render.reference import project_gaussians, quaternion_matrix
 
 
+def straight_camera(width: int, height: int) -> Camera:
+    """A metre from the origin, looking along z."""
+    w2c = torch.tensor([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0]])
+    return Camera(w2c, camera(width, height).K, width, height)
+
+
 def test_one_gaussian_is_a_bell_around_its_projection() -> None:
-    view = camera(61, 41)
+    view = straight_camera(61, 41)
     gaussians = Gaussians(
         means=torch.tensor([[0.0, 0.0, 0.1]]),
         quats=torch.tensor([[1.0, 0.0, 0.0, 0.0]]),
@@ -23,7 +29,6 @@ def test_one_gaussian_is_a_bell_around_its_projection() -> None:
         opacities=torch.tensor([0.6]),
         features=torch.tensor([[0.5]]),
     )
-    view = Camera(torch.tensor([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1]]), view.K, 61, 41)
     rendering = rasterize(gaussians, view, backend="reference")
     y, x = torch.meshgrid(torch.arange(41) + 0.5, torch.arange(61) + 0.5, indexing="ij")
     variance_x = (view.K[0, 0] * 0.02 / 1.1) ** 2
@@ -40,7 +45,7 @@ def test_one_gaussian_is_a_bell_around_its_projection() -> None:
 @pytest.mark.parametrize("turn", [0.0, 0.7])
 def test_what_is_thinner_than_a_pixel_covers_its_own_area(width: float, turn: float) -> None:
     """A needle of 0.1 to 0.7 pixels: dilated to more than a pixel, it covers what it would if it were not."""
-    view = Camera(torch.tensor([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1]]), camera(50, 50).K, 50, 50)
+    view = straight_camera(50, 50)
     gaussians = Gaussians(
         means=torch.zeros(1, 3),
         quats=torch.tensor([[math.cos(turn / 2), 0.0, 0.0, math.sin(turn / 2)]]),

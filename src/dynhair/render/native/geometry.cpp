@@ -10,7 +10,7 @@ struct Projection {
     Vec T[2][3];                     // Jacobian times world-to-camera rotation
     Vec U[2][3];                     // T R diag(scale): the 2D covariance is U U^T + dilation
     Vec cov_xx, cov_xy, cov_yy, inverse_det;
-    Vec cross[3], area;              // U[0] x U[1], and its square: the determinant of U U^T
+    Vec cross[3], own_det;           // U[0] x U[1], and its square: the determinant of U U^T, without the dilation
 
     // Reads 16 rows of `width` floats into columns; rows past the end repeat the last one.
     static inline void gather(const float* rows, int width, int count, Vec* columns)
@@ -74,7 +74,7 @@ struct Projection {
         cross[0] = U[0][1] * U[1][2] - U[0][2] * U[1][1];
         cross[1] = U[0][2] * U[1][0] - U[0][0] * U[1][2];
         cross[2] = U[0][0] * U[1][1] - U[0][1] * U[1][0];
-        area = cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2];
-        inverse_det = 1.0f / (area + DILATION * (xx + yy) + DILATION * DILATION);
+        own_det = cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2];
+        inverse_det = 1.0f / (own_det + DILATION * (xx + yy) + DILATION * DILATION);
     }
 };

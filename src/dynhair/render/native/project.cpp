@@ -58,7 +58,7 @@ for (int base = first; base < last; base += 16) {
     p.project(camera, means + (i64)3 * base, quats + (i64)4 * base, scales + (i64)3 * base, count);
     Vec opacity;
     Projection::gather(opacities + base, 1, count, &opacity);
-    opacity *= Simd::sqrt(p.area * p.inverse_det);  // dilated, it covers more: it is made as much fainter
+    opacity *= Simd::sqrt(p.own_det * p.inverse_det);  // dilated, it covers more: it is made as much fainter
 
     const Vec log2_opacity = Simd::log2(Simd::max(opacity, 1e-6f));
     const Vec reach = Simd::sqrt(2.0f / LOG2_E * Simd::max(log2_opacity - LOG2_ALPHA_MIN, 0.0f));  // in sigmas

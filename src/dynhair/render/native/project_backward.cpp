@@ -74,8 +74,8 @@ for (int base = first; base < last; base += 16) {
             d_U[0][k] = 2.0f * (d_xx * p.U[0][k] + d_xy * p.U[1][k]);
             d_U[1][k] = 2.0f * (d_xy * p.U[0][k] + d_yy * p.U[1][k]);
         }
-        // g[0] is the gradient of the logarithm of what is drawn, and so of that of the share sqrt(area / determinant).
-        const Vec of_area = g[0] / p.area, of_det = g[0] * p.inverse_det, of_cross = of_area - of_det;
+        // g[0] is the gradient of the logarithm of what is drawn, and so of that of the share sqrt(own_det / det).
+        const Vec of_own_det = g[0] / p.own_det, of_det = g[0] * p.inverse_det, of_cross = of_own_det - of_det;
         for (int k = 0; k < 3; ++k) {
             const int l = (k + 1) % 3, m = (k + 2) % 3;
             d_U[0][k] += of_cross * (p.U[1][l] * p.cross[m] - p.U[1][m] * p.cross[l]) - DILATION * of_det * p.U[0][k];
