@@ -189,6 +189,7 @@ def compare(
     options: Annotated[RowOptions, arg(name="")],
     methods: tuple[MethodName, ...] = get_args(MethodName),
     avatar: Path | None = None,
+    drivers: tuple[Path, ...] = (),
 ) -> None:
     """Train and measure our method and others on one capture, all with the same split, steps and image sizes.
 
@@ -202,10 +203,11 @@ def compare(
         options: How rows are trained.
         methods: What to compare. Simulators need ours.
         avatar: A trained run that is taken as ours; all others then have its configuration, whatever the preset.
+        drivers: Captures of other people, whose motions then drive all methods as well (cross-reenactment).
     """
     from dynhair.comparison.run import run_comparison
 
-    sys.exit(0 if run_comparison(capture, out, options, methods=methods, avatar=avatar) else 1)
+    sys.exit(0 if run_comparison(capture, out, options, methods=methods, avatar=avatar, drivers=drivers) else 1)
 
 
 def ablate(

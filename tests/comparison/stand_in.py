@@ -17,7 +17,7 @@ from dynhair.comparison.workers import Workers
 from dynhair.config import preset
 
 _ROW = """
-import os, pathlib, signal, sys, time
+import json, os, pathlib, signal, sys, time
 path, name = pathlib.Path(sys.argv[1]), sys.argv[2]
 folder = path / ("shared" if name.startswith("hair") else ".") / name
 orders = path / ".orders" / name
@@ -42,6 +42,9 @@ if name.startswith("hair"):
 if order != "unmeasured":
     (folder / "evaluation").mkdir(exist_ok=True)
     (folder / "evaluation" / "metrics.json").write_text("{}")
+    for driver in json.loads((path / "comparison.json").read_text())["drivers"] if order != "undriven" else ():
+        (folder / "driven_by" / driver).mkdir(parents=True, exist_ok=True)
+        (folder / "driven_by" / driver / "metrics.json").write_text("{}")
 """
 
 
@@ -51,7 +54,7 @@ def stand_in(path: Path, name: str) -> Sequence[str]:
 
 
 def order(path: Path, name: str, what: str) -> None:
-    """Have a row fail, die, wait until it is stopped, leave out its evaluation, or, by an empty order, do its work."""
+    """Have a row fail, die, wait until it is stopped, leave out its evaluation or drivers, or, by "", do its work."""
     (path / ".orders").mkdir(parents=True, exist_ok=True)
     (path / ".orders" / name).write_text(what)
 

@@ -69,6 +69,20 @@ def test_a_row_is_trained_and_measured_once(compared: Comparison, calls: Calls) 
     assert measured["values"] == (folder / "avatar", compared.capture, folder / "evaluation")
 
 
+def test_each_driver_drives_a_row_once(compared: Comparison, calls: Calls, tmp_path: Path) -> None:
+    make_row(compared.path, "ours-seed5")
+    compared.drivers = {"first": tmp_path / "first", "second": tmp_path / "second"}
+    compared.write()
+    for _ in range(2):
+        make_row(compared.path, "ours-seed5")
+    folder = compared.folder("ours-seed5")
+    assert [call["values"] for name, call in calls if name == "evaluate"] == [
+        (folder / "avatar", compared.capture, folder / "evaluation"),
+        (folder / "avatar", tmp_path / "first", folder / "driven_by" / "first"),
+        (folder / "avatar", tmp_path / "second", folder / "driven_by" / "second"),
+    ]
+
+
 def test_shared_hair_is_made_and_not_measured(compared: Comparison, calls: Calls) -> None:
     make_row(compared.path, "hair-seed5")
     assert [(name, call["stages"]) for name, call in calls] == [("train", ("static",))]

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 from stand_in import order, stand_in, states
@@ -59,7 +60,14 @@ def ablate(capture: Path, out: Path, *rows: str, seeds: Sequence[int] = (0,), co
     )
 
 
-def compare(capture: Path, out: Path, methods: Sequence[str], avatar: Path | None = None, **options: object) -> bool:
+def compare(
+    capture: Path,
+    out: Path,
+    methods: Sequence[str],
+    avatar: Path | None = None,
+    drivers: Sequence[Path] = (),
+    **options: object,
+) -> bool:
     options = {"preset": "tiny", "jobs": 2, "memory": 8.0, **options}
     return run_comparison(
         capture,
@@ -67,6 +75,7 @@ def compare(capture: Path, out: Path, methods: Sequence[str], avatar: Path | Non
         RowOptions(**options),  # pyright: ignore[reportArgumentType]
         methods=methods,  # pyright: ignore[reportArgumentType]
         avatar=avatar,
+        drivers=drivers,
         console=quiet(),
         command=stand_in,
     )
@@ -179,13 +188,13 @@ def test_a_trained_run_is_ours_and_sets_the_terms(capture: Path, tmp_path: Path,
 def test_a_run_that_is_no_match_is_refused(capture: Path, tmp_path: Path) -> None:
     run = trained_run(capture, tmp_path / "run")
     other = write_synthetic_capture(tmp_path / "other", frames=2, views=2, size=16)
-    for message, asked in (
-        ("seed is 4", {"capture": capture}),
-        ("trained for 77 steps", {"capture": capture, "seeds": (4,), "iterations": 5}),
-        ("was trained on", {"capture": other, "seeds": (4,)}),
+    for message, shown, options in (
+        ("seed is 4", capture, {}),
+        ("trained for 77 steps", capture, {"seeds": (4,), "iterations": 5}),
+        ("was trained on", other, {"seeds": (4,)}),
     ):
         with pytest.raises(DynhairError, match=message):
-            compare(asked.pop("capture"), tmp_path / "out", ["ours"], run, **asked)
+            compare(shown, tmp_path / "out", ["ours"], run, (), **options)
     (run / "avatar" / "avatar.json").unlink()
     with pytest.raises(DynhairError, match="no avatar yet"):
         compare(capture, tmp_path / "out", ["ours"], run, seeds=(4,))
@@ -201,6 +210,59 @@ def test_a_run_cannot_take_the_place_of_a_row_that_has_begun(
     (tmp_path / "out" / "ours-seed4" / "avatar").rmdir()
     with pytest.raises(DynhairError, match="has begun"):
         compare(capture, tmp_path / "out", ["gha"], run, seeds=(4,))
+
+
+@pytest.fixture(scope="module")
+def other(capture: Path) -> Path:
+    """A capture of a person with a larger head."""
+    other = capture.parent / "other"
+    shutil.copytree(capture, other)
+    for path in other.rglob("vertices.npy"):
+        np.save(path, (1.1 * np.load(path)).astype(np.float32))
+    return other
+
+
+def test_other_people_drive_all_rows_and_may_come_later(
+    capture: Path, other: Path, tmp_path: Path, reports: list[Path]
+) -> None:
+    out = tmp_path / "out"
+    assert compare(capture, out, ["gha"])
+    (out / "gha-seed0" / "begun").unlink()
+    assert compare(capture, out, ["ours"], drivers=[other])
+    assert Comparison.read(out).drivers == {"other": other}
+    assert (out / "ours-seed0" / "driven_by" / "other" / "metrics.json").exists()
+    assert states(out) == dict.fromkeys(("hair-seed0", "gha-seed0", "ours-seed0"), "done")  # gha with what it has
+    assert compare(capture, out, ["gha", "ours"])  # drivers are kept
+    assert (out / "gha-seed0" / "driven_by" / "other" / "metrics.json").exists()
+
+
+def test_a_row_that_nobody_could_drive_has_failed(
+    capture: Path, other: Path, tmp_path: Path, reports: list[Path]
+) -> None:
+    out = tmp_path / "out"
+    order(out, "gha-seed0", "undriven")
+    assert not compare(capture, out, ["gha"], drivers=[other])
+    assert states(out) == {"gha-seed0": "failed"}
+
+
+def test_a_driver_is_another_person_with_a_name_of_its_own(capture: Path, other: Path, tmp_path: Path) -> None:
+    with pytest.raises(DynhairError, match="the same person"):
+        compare(capture, tmp_path / "out", ["gha"], drivers=[other, capture])
+    namesake = tmp_path / "other"
+    shutil.copytree(other, namesake)
+    with pytest.raises(DynhairError, match="two drivers are named 'other'"):
+        compare(capture, tmp_path / "out", ["gha"], drivers=[other, namesake])
+    assert not (tmp_path / "out").exists()
+
+
+def test_another_driver_of_the_same_name_is_refused(
+    capture: Path, other: Path, tmp_path: Path, reports: list[Path]
+) -> None:
+    compare(capture, tmp_path / "out", ["gha"], drivers=[other])
+    namesake = tmp_path / "other"
+    shutil.copytree(other, namesake)
+    with pytest.raises(DynhairError, match="driver other"):
+        compare(capture, tmp_path / "out", ["gha"], drivers=[namesake])
 
 
 def test_what_is_no_capture_leaves_nothing_behind(tmp_path: Path) -> None:

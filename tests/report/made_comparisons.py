@@ -34,6 +34,7 @@ def made_row(
     segments: Sequence[str] = ("nod",),
     videos: bool = False,
     held_out: Mapping[str, float | None] | None = None,
+    driven_by: str | None = None,
 ) -> dict[str, Any]:
     """Write a row's evaluation and give its entry in ``comparison.json``."""
     name = f"{method}-seed{seed}"
@@ -60,6 +61,11 @@ def made_row(
         if videos:
             for segment in segments:
                 write_video(evaluation / f"test_{segment}.mp4", method)
+        if driven_by is not None:
+            driven = folder / name / "driven_by" / driven_by
+            driven.mkdir(parents=True)
+            (driven / "metrics.json").write_text(json.dumps({**metrics, "held_out_views": {}}))
+            write_video(driven / "cross_nod.mp4", method)
     return {
         "name": name,
         "label": label or {"ours": "Ours", "gha": "GHA", "ga": "GA"}.get(method, method),
@@ -73,7 +79,12 @@ def made_row(
 
 
 def made_comparison(
-    folder: Path, rows: Sequence[Mapping[str, Any]], *, table: str = "baselines", capture: str = "captures/long"
+    folder: Path,
+    rows: Sequence[Mapping[str, Any]],
+    *,
+    table: str = "baselines",
+    capture: str = "captures/long",
+    drivers: Sequence[str] = (),
 ) -> Path:
     """Write ``comparison.json``."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -84,6 +95,7 @@ def made_comparison(
         "iterations": 1500,
         "preset": "small",
         "rows": list(rows),
+        "drivers": {name: f"captures/{name}" for name in drivers},
     }
     (folder / "comparison.json").write_text(json.dumps(value))
     return folder

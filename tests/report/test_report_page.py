@@ -178,6 +178,32 @@ def test_what_cannot_be_read_is_left_out_and_said_so(tmp_path: Path) -> None:
     assert not (tmp_path / "out" / "user_study.html").exists()
 
 
+def test_other_peoples_motions_have_a_table_and_a_video(tmp_path: Path) -> None:
+    folder = tmp_path / "c"
+    rows = [
+        made_row(folder, "ours", {"psnr": 21.0, "ver": 2.5}, driven_by="curly"),
+        made_row(folder, "gha", {"psnr": 20.0, "ver": 1.5}, driven_by="curly"),
+        made_row(folder, "ga", {"psnr": 19.0, "ver": 0.5}),
+    ]
+    page = report([made_comparison(folder, rows, drivers=["curly", "nobody-drove"])], tmp_path / "out")
+    shown = page.text[page.text.index("Baselines: long, driven by curly") :]
+    assert "Motion of the hair Motion Physics Strands" in shown
+    assert "PSNR" not in shown
+    assert "not run yet" in shown  # of ga
+    assert "driver | Ours | GHA" in shown
+    assert "nobody-drove" not in page.text
+    assert "driver" not in page.text[: -len(shown)]
+    table = (tmp_path / "out" / "tables" / "baselines_driven_long-driven-by-curly.csv").read_text()
+    assert "2.5" in table
+    assert any(link.startswith("data:video/mp4") for link in page.links)
+
+
+def test_a_driver_is_the_name_of_a_folder(tmp_path: Path) -> None:
+    folder = made_comparison(tmp_path / "c", [made_row(tmp_path / "c", "ours", {})], drivers=["../elsewhere"])
+    with pytest.raises(DynhairError, match=r"a driver is named '\.\./elsewhere'"):
+        report([folder], tmp_path / "out")
+
+
 def test_captures_stand_for_themselves_and_averaged(tmp_path: Path) -> None:
     folders = []
     for name, psnr in (("long", (20.0, 21.0)), ("bob", (24.0, 23.0))):

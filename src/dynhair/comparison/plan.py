@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from dynhair.comparison.methods import BASELINES, FULL, HAIR, LABELS, SIMULATORS, row_name
 from dynhair.comparison.record import Comparison, Row
-from dynhair.comparison.rows import SHARED, done, trained
+from dynhair.comparison.rows import SHARED, finished, trained
 from dynhair.comparison.schedule import Task
 
 
@@ -43,7 +43,7 @@ def tasks(comparison: Comparison, names: Iterable[str]) -> list[Task]:
         names: of the rows to make.
     """
     rows = [comparison.rows[name] for name in names]
-    left = {row.name: row for row in rows if not done(comparison, row)}
+    left = {row.name: row for row in rows if not finished(comparison, row)}
     for row in list(left.values()):
         if row.method == HAIR and not _hair_is_missed(comparison, row, left.values()):
             del left[row.name]

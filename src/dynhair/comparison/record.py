@@ -60,6 +60,7 @@ class Comparison:
         preset: name of what the configuration began as.
         config: what all rows have in common; rows have their own seeds.
         rows: of the table, and the canonical hair that they share.
+        drivers: captures of other people that drive all rows as well, by the names of their folders.
     """
 
     path: Path
@@ -68,6 +69,7 @@ class Comparison:
     preset: str
     config: Config
     rows: dict[str, Row] = field(default_factory=dict)
+    drivers: dict[str, Path] = field(default_factory=dict)
 
     @classmethod
     def exists(cls, path: Path) -> bool:
@@ -94,8 +96,9 @@ class Comparison:
                 value["preset"],
                 read_config(path / CONFIG),
                 {row.name: row for row in rows},
+                {name: Path(driver) for name, driver in value.get("drivers", {}).items()},
             )
-        except (KeyError, TypeError) as error:
+        except (AttributeError, KeyError, TypeError) as error:
             raise DynhairError(f"not readable ({error})", path=file, mend="begin another comparison") from None
 
     def create(self) -> None:
@@ -124,6 +127,7 @@ class Comparison:
             "preset": self.preset,
             "rows": [dataclasses.asdict(row) for row in self.rows.values() if row.method != HAIR],
             "shared": [dataclasses.asdict(row) for row in self.rows.values() if row.method == HAIR],
+            "drivers": {name: str(driver) for name, driver in self.drivers.items()},
         }
         write_json(self.path / COMPARISON, value)
 
@@ -146,6 +150,7 @@ class Comparison:
             for name, mine, theirs in (
                 ("table", self.table, other.table),
                 ("capture", self.capture, other.capture),
+                *((f"driver {name}", driver, other.drivers.get(name, driver)) for name, driver in self.drivers.items()),
                 *_differences(self.config, other.config),
             )
             if mine != theirs

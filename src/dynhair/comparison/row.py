@@ -26,7 +26,7 @@ MOST_TUNING = 60.0  # minutes
 
 
 def make_row(path: Path, name: str) -> None:
-    """Train and measure a row of a comparison as far as it is not.
+    """Train and measure a row of a comparison, and have other people drive it, as far as it is not done.
 
     Args:
         path: the comparison's folder.
@@ -40,17 +40,23 @@ def make_row(path: Path, name: str) -> None:
 
     from dynhair.comparison.methods import HAIR
     from dynhair.comparison.record import Comparison
-    from dynhair.comparison.rows import done, trained
+    from dynhair.comparison.rows import done, driven, trained
 
     comparison, console = Comparison.read(path), Console(width=140)
     row = comparison.rows[name]
     if not trained(comparison, row):
         _train(comparison, row, console)
-    if row.method != HAIR and not done(comparison, row):
-        from dynhair.evaluation import run_evaluation
+    if row.method == HAIR:
+        return
+    from dynhair.evaluation import run_evaluation
 
-        folder = path / row.folder
-        run_evaluation(folder / "avatar", comparison.capture, folder / "evaluation", console=console)
+    avatar = path / row.folder / "avatar"
+    if not done(comparison, row):
+        run_evaluation(avatar, comparison.capture, path / row.folder / "evaluation", console=console)
+    for driver, capture in comparison.drivers.items():
+        out = driven(comparison, row) / driver
+        if not (out / "metrics.json").exists():
+            run_evaluation(avatar, capture, out, console=console)
 
 
 def _train(comparison: Comparison, row: Row, console: Console) -> None:

@@ -14,6 +14,7 @@ from dynhair.training.run import Run
 
 SHARED = "shared"
 LOG = "train.log"
+DRIVEN = "driven_by"
 
 _HAIR_FILES = ("canonical_hair.safetensors", "first_guess.safetensors", "hairstyle.png")
 _MESH_FILES = ("mesh_head.safetensors", "mesh_head.png")
@@ -42,6 +43,17 @@ def done(comparison: Comparison, row: Row) -> bool:
     """Whether a row has been trained and, if it is one of the table, evaluated."""
     evaluated = (comparison.path / row.folder / "evaluation" / "metrics.json").exists()
     return trained(comparison, row) and (row.method == HAIR or evaluated)
+
+
+def driven(comparison: Comparison, row: Row) -> Path:
+    """The folder with what was measured of a row as other people drive it; one folder inside for each of them."""
+    return comparison.path / row.folder / DRIVEN
+
+
+def finished(comparison: Comparison, row: Row) -> bool:
+    """Whether nothing is left to do of a row: it is done, and all drivers have driven it."""
+    drives = () if row.method == HAIR else comparison.drivers
+    return done(comparison, row) and all((driven(comparison, row) / name / "metrics.json").exists() for name in drives)
 
 
 def begin(comparison: Comparison, row: Row) -> None:

@@ -39,12 +39,13 @@ def run_comparison(
     *,
     methods: Sequence[MethodName] = METHODS,
     avatar: Path | None = None,
+    drivers: Sequence[Path] = (),
     console: Console | None = None,
     command: Command = row_command,
 ) -> bool:
     """Train and measure methods on one capture: the same split, steps, views and image sizes.
 
-    What is done is kept: the same call goes on where it was, and others may add methods and seeds.
+    What is done is kept: the same call goes on where it was, and others may add methods, seeds and drivers.
 
     Args:
         capture: the capture's folder.
@@ -52,6 +53,7 @@ def run_comparison(
         options: how rows are trained.
         methods: which.
         avatar: a trained run that is taken as ours; all others then have its configuration.
+        drivers: captures of other people, whose motions drive all methods once they are trained.
         console: where progress is shown.
         command: what makes a row.
 
@@ -60,8 +62,8 @@ def run_comparison(
 
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed; rows have saved what they had.
-        DynhairError: the capture or the run cannot be read; ``out`` holds a comparison of something else; another
-            process is at work there.
+        DynhairError: a capture or the run cannot be read; a driver is the same person; ``out`` holds a comparison of
+            something else; another process is at work there.
     """
     run = None if avatar is None else _trained_run(avatar, capture, options)
     if run is None:
@@ -71,6 +73,7 @@ def run_comparison(
         if "ours" not in methods:
             methods = ("ours", *methods)
     asked = _asked("baselines", capture, out, preset, config, compared_rows(methods, options.seeds))
+    asked.drivers = _drivers(asked.capture, drivers)
     return _finish(asked, options, console or Console(), command, run)
 
 
@@ -123,6 +126,30 @@ def _asked(table: TableName, capture: Path, out: Path, preset: str, config: Conf
     return Comparison(out.resolve(), table, path, preset, config, {row.name: row for row in rows})
 
 
+def _drivers(capture: Path, paths: Sequence[Path]) -> dict[str, Path]:
+    """Captures of other people by the names of their folders.
+
+    Raises:
+        DynhairError: one cannot be read, shows the person of the compared capture, or has another one's name.
+    """
+    from dynhair.evaluation.retargeting import another_person
+
+    own, drivers = Capture.open(capture, cache_bytes=0), {}
+    for path in paths:
+        driver = Capture.open(path, cache_bytes=0)
+        if not another_person(own, driver):
+            raise DynhairError(
+                "the capture shows the same person",
+                path=path,
+                expected="another person, as the head's shape at rest tells",
+                mend=f"measure against its images instead: dynhair evaluate RUN {path}",
+            )
+        name = driver.path.resolve().name
+        if drivers.setdefault(name, driver.path.resolve()) != driver.path.resolve():
+            raise DynhairError(f"two drivers are named '{name}'", path=path, mend="rename one of the folders")
+    return drivers
+
+
 def _finish(
     asked: Comparison, options: RowOptions, console: Console, command: Command, ours: Run | None = None
 ) -> bool:
@@ -158,6 +185,7 @@ def _begun(asked: Comparison) -> Comparison:
     comparison.require_same(asked)
     rows = {**asked.rows, **comparison.rows}
     comparison.rows = {name: rows[name] for name in sorted(rows, key=lambda name: rows[name].seed)}
+    comparison.drivers |= asked.drivers
     for name, row in list(comparison.rows.items()):  # folders are right where a kill came before the record
         if done(comparison, row):
             comparison.change(name, state="done", error=None)

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from dynhair.comparison.budget import MemoryEstimates, peak_memory
 from dynhair.comparison.record import Comparison
-from dynhair.comparison.rows import LOG, begin, done, trained
+from dynhair.comparison.rows import LOG, begin, finished, trained
 from dynhair.comparison.schedule import Schedule, Task
 from dynhair.comparison.watching import Step, last_step, last_words, progress_table
 from dynhair.errors import DynhairError
@@ -168,7 +168,7 @@ class Workers:
             worker.stop()
             peak = max(worker.peak, row.peak_memory or 0) or None
             self.comparison.change(name, peak_memory=peak)
-            succeeded = status == 0 and done(self.comparison, row)
+            succeeded = status == 0 and finished(self.comparison, row)
             if succeeded and peak is not None:
                 self.estimates.measure(task.kind, peak)
             self.schedule.finish(name, succeeded=succeeded)
@@ -199,7 +199,7 @@ class Workers:
     def _look_back(self) -> None:
         """Note the rows that ended well while they were being stopped."""
         for name in self._working:
-            if done(self.comparison, self.comparison.rows[name]):
+            if finished(self.comparison, self.comparison.rows[name]):
                 self.comparison.change(name, state="done", error=None)
 
     def _table(self) -> Table:

@@ -156,6 +156,20 @@ TABLE_4 = Layout(
     ),
     methods=EXTENDED_ABLATIONS,
 )
+STRANDS = Group(
+    "Strands",
+    (
+        Column("penetration_rate", "inside, %", "share of points inside the body", Goal.LOW, 3, 100.0, "%"),
+        Column("penetration_depth_mm", "depth, mm", "depth inside the body", Goal.LOW, 2, unit="mm"),
+        Column("stretch", "stretch, %", "stretch of the strands", Goal.ZERO, 2, 100.0, "%"),
+    ),
+)
+SETTLING = Column("settling_s", "settling, s", "time to settle", Goal.TRUTH, 2, unit="s")
+TABLE_DRIVEN = Layout(
+    "driven",
+    "Motion of the hair",
+    (Group("Motion", (VELOCITY, ACCELERATION, SETTLING)), PHYSICS, STRANDS),
+)
 TABLE_MOTION = Layout(
     "motion",
     "How true the motion is, and what else the paper does not measure",
@@ -166,17 +180,10 @@ TABLE_MOTION = Layout(
                 Column("hair_motion_explained", "explained", "share of the true motion explained", Goal.HIGH, 3),
                 Column("tip_error_mm", "tips, mm", "error at the tips", Goal.LOW, 2, unit="mm"),
                 Column("phase_lag_ms", "lag, ms", "lag behind the true motion", Goal.ZERO, 1, unit="ms"),
-                Column("settling_s", "settling, s", "time to settle", Goal.TRUTH, 2, unit="s"),
+                SETTLING,
             ),
         ),
-        Group(
-            "Strands",
-            (
-                Column("penetration_rate", "inside, %", "share of points inside the body", Goal.LOW, 3, 100.0, "%"),
-                Column("penetration_depth_mm", "depth, mm", "depth inside the body", Goal.LOW, 2, unit="mm"),
-                Column("stretch", "stretch, %", "stretch of the strands", Goal.ZERO, 2, 100.0, "%"),
-            ),
-        ),
+        STRANDS,
         Group(
             "Perception",
             (

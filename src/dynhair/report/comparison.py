@@ -38,6 +38,7 @@ class Row:
         state: ``failed`` also where the evaluation cannot be read.
         error: why it failed.
         metrics: what the evaluation wrote; empty where there is none.
+        place: of the evaluation, relative to the run's folder.
     """
 
     name: str
@@ -49,11 +50,12 @@ class Row:
     state: State
     error: str = ""
     metrics: Mapping[str, Any] = field(default_factory=dict)
+    place: str = "evaluation"
 
     @property
     def evaluation(self) -> Path:
         """Folder of figures, series, pictures and videos."""
-        return self.folder / "evaluation"
+        return self.folder / self.place
 
     @property
     def test_segments(self) -> list[str]:
@@ -111,6 +113,7 @@ class Comparison:
         iterations: of each training.
         preset: of the configuration.
         rows: in the order of tables.
+        drivers: names of other people's captures that drove the rows as well.
     """
 
     path: Path
@@ -119,6 +122,7 @@ class Comparison:
     iterations: int
     preset: str
     rows: tuple[Row, ...]
+    drivers: tuple[str, ...] = ()
 
     @classmethod
     def open(cls, path: Path | str) -> Comparison:
@@ -151,7 +155,13 @@ class Comparison:
             int(_number(raw, "iterations", file)),
             _text(raw, "preset", file),
             tuple(_row(row, path, file) for row in rows),
+            _drivers(raw, file),
         )
+
+    def driven_by(self, driver: str) -> Comparison | None:
+        """The same as another person drove it; None where no row was driven."""
+        rows = tuple(_driven(row, f"driven_by/{driver}") for row in self.rows)
+        return replace(self, rows=rows, drivers=()) if any(row.metrics for row in rows) else None
 
     def held_out(self) -> Comparison | None:
         """The same over the views that training held out alone; None where no row has such views."""
@@ -201,6 +211,28 @@ def _row(raw: object, folder: Path, file: Path) -> Row:
         error=error,
         metrics=metrics,
     )
+
+
+def _driven(row: Row, place: str) -> Row:
+    """A row with the figures of a place in its folder, where it is done."""
+    apart = replace(row, place=place, metrics={})
+    if row.state != "done":
+        return apart
+    if not (apart.evaluation / "metrics.json").exists():
+        return replace(apart, state="pending")
+    try:
+        return replace(apart, metrics=read_json(apart.evaluation / "metrics.json"))
+    except DynhairError as damage:
+        error = f"its evaluation cannot be read: {place}/metrics.json: {damage.message}"
+        return replace(apart, state="failed", error=error)
+
+
+def _drivers(raw: Mapping[str, Any], file: Path) -> tuple[str, ...]:
+    names = tuple(mapping(raw.get("drivers")))
+    for name in names:
+        if PurePosixPath(name).name != name:
+            raise DynhairError(f"a driver is named '{name}'", path=file, expected="the name of a folder")
+    return names
 
 
 def _text(raw: Mapping[str, Any], key: str, file: Path) -> str:

@@ -14,7 +14,7 @@ from dynhair.report.study import Pair
 from dynhair.storage import atomic_file
 
 SHEET_FRAMES = 6
-TRUTH = "truth"
+TRUTH, DRIVER = "truth", "driver"
 
 
 @dataclass(frozen=True)
@@ -23,15 +23,17 @@ class Footage:
 
     Attributes:
         name: of the motion, and of its camera where there are several.
-        truth: the recording.
+        truth: the recording, or that of the person who drives.
         methods: by label, ours first.
         ours: label of ours; None where it has no video.
+        recorded: label of the recording.
     """
 
     name: str
     truth: Clip
     methods: dict[str, Clip]
     ours: str | None
+    recorded: str = TRUTH
 
     @property
     def clips(self) -> list[Clip]:
@@ -41,7 +43,7 @@ class Footage:
     @property
     def labels(self) -> list[str]:
         """Of all clips."""
-        return [TRUTH, *self.methods]
+        return [self.recorded, *self.methods]
 
     def pairs(self, capture: str) -> list[Pair]:
         """Ours with each other method."""
@@ -64,15 +66,17 @@ def shown_rows(comparison: Comparison) -> list[Row]:
     return sorted(first.values(), key=lambda row: row.method != OURS)
 
 
-def find_footage(comparison: Comparison, problems: list[str]) -> list[Footage]:
+def find_footage(comparison: Comparison, problems: list[str], *, driven: bool = False) -> list[Footage]:
     """Collect the videos of the test motions, one method at least in each.
 
     Args:
         comparison: whose rows have videos.
         problems: gets what keeps a row's videos out.
+        driven: whether it is another person who is seen beside the methods, and drives them.
     """
-    rows = [row for row in shown_rows(comparison) if any(row.evaluation.glob("test_*.mp4"))]
-    names = dict.fromkeys(path.stem for row in rows for path in sorted(row.evaluation.glob("test_*.mp4")))
+    prefix, recorded = ("cross_", DRIVER) if driven else ("test_", TRUTH)
+    rows = [row for row in shown_rows(comparison) if any(row.evaluation.glob(f"{prefix}*.mp4"))]
+    names = dict.fromkeys(path.stem for row in rows for path in sorted(row.evaluation.glob(f"{prefix}*.mp4")))
     aspects: dict[str, float] = {}
     for row in rows:
         try:
@@ -86,7 +90,7 @@ def find_footage(comparison: Comparison, problems: list[str]) -> list[Footage]:
         if methods:
             truth = replace(next(iter(methods.values())), panel=TRUTH_PANEL)
             ours = next((row.label for row in rows if row.method == OURS and row.label in methods), None)
-            footage.append(Footage(name.removeprefix("test_"), truth, methods, ours))
+            footage.append(Footage(name.removeprefix(prefix), truth, methods, ours, recorded))
     return footage
 
 

@@ -36,6 +36,21 @@ class Film:
 
 
 @dataclass
+class DrivenPart:
+    """What a page shows of one capture's methods as another person drives them.
+
+    Attributes:
+        driver: name of that person's capture.
+        tables: filled.
+        films: of the motions.
+    """
+
+    driver: str
+    tables: list[Table]
+    films: list[Film]
+
+
+@dataclass
 class ScenePart:
     """All that a page shows of one capture.
 
@@ -46,6 +61,7 @@ class ScenePart:
         plots: by segment, SVG.
         films: of the test motions.
         held_out: tables over the views held out from training.
+        driven: by other people.
     """
 
     scene: Scene
@@ -54,6 +70,12 @@ class ScenePart:
     plots: dict[str, str] = field(default_factory=dict)
     films: list[Film] = field(default_factory=list)
     held_out: list[Table] = field(default_factory=list)
+    driven: list[DrivenPart] = field(default_factory=list)
+
+    @property
+    def all_films(self) -> list[Film]:
+        """Those of the test motions, and those of other people's."""
+        return self.films + [film for part in self.driven for film in part.films]
 
 
 @dataclass
@@ -121,6 +143,9 @@ def _scene(part: ScenePart) -> dict[str, Any]:
         "cost": [_cost(contender) for contender in part.scene.contenders],
         "plots": part.plots,
         "films": part.films,
+        "driven": [
+            {"driver": d.driver, "tables": [_table(t) for t in d.tables], "films": d.films} for d in part.driven
+        ],
         "measured": None if part.comparison is None else _measured(part.comparison),
     }
 

@@ -11,11 +11,11 @@ from rich.console import Console
 
 from dynhair.errors import DynhairError
 from dynhair.report.clips import data_url, write_side_by_side
-from dynhair.report.columns import LAYOUTS, TABLE_1, Layout
+from dynhair.report.columns import LAYOUTS, TABLE_1, TABLE_DRIVEN, Layout
 from dynhair.report.comparison import Comparison, TableName
 from dynhair.report.formats import latex_preamble, to_csv, to_latex, to_markdown
 from dynhair.report.media import Footage, find_footage, shown_rows, write_sheet
-from dynhair.report.page import Film, ScenePart, TablePart, page_values
+from dynhair.report.page import DrivenPart, Film, ScenePart, TablePart, page_values
 from dynhair.report.plots import Curve, Series, plot_segment
 from dynhair.report.scores import Scene
 from dynhair.report.study import Pair, write_study
@@ -107,7 +107,22 @@ def _scene_part(comparison: Comparison, name: str, out: Path, problems: list[str
         if film is not None:
             part.films.append(film)
             pairs += footage.pairs(name)
+    part.driven = [
+        _driven_part(driven, f"{name}, driven by {driver}", driver, out, problems)
+        for driver in comparison.drivers
+        if (driven := comparison.driven_by(driver)) is not None
+    ]
     return part, pairs
+
+
+def _driven_part(driven: Comparison, name: str, driver: str, out: Path, problems: list[str]) -> DrivenPart:
+    stem = _stem(f"{driven.table}_{name}")
+    films = [
+        _film(footage, f"{stem}_{_stem(footage.name)}", out, problems)
+        for footage in find_footage(driven, problems, driven=True)
+    ]
+    tables = _write_tables(Scene.of(driven, name), out, (TABLE_DRIVEN,))
+    return DrivenPart(driver, tables, [film for film in films if film is not None])
 
 
 def _write_tables(scene: Scene, out: Path, layouts: Sequence[Layout]) -> list[Table]:
@@ -173,7 +188,7 @@ def _study(pairs: Sequence[Pair], out: Path, problems: list[str]) -> Path | None
 
 def _embed(parts: Sequence[TablePart], out: Path) -> None:
     """Put all videos into the page if together they are small enough."""
-    films = [film for part in parts for scene in part.scenes for film in scene.films]
+    films = [film for part in parts for scene in part.scenes for film in scene.all_films]
     # base64 makes four bytes of three
     if sum((out / film.video).stat().st_size for film in films) * 4 / 3 <= BUDGET:
         for film in films:
