@@ -332,7 +332,8 @@ PRESETS: Mapping[str, Config] = {
     ),
     "small": Config(
         hair=HairConfig(
-            deformer=DeformerConfig("modal", HISTORIES["modal"], turn=True, position_frequencies=3, inextensible=True)
+            strands=3000,
+            deformer=DeformerConfig("modal", HISTORIES["modal"], turn=True, position_frequencies=3, inextensible=True),
         ),
         training=TrainingConfig(iterations=12_000, checkpoint_every=1000, weights=_MEASURED, rates=_RATES),
     ),

@@ -25,7 +25,7 @@ def frame(index: int, seed: int, *, hair: bool = True) -> TrueFrame:
 
 
 def test_a_change_is_lpips_within_the_hair_of_both_frames(random_network: Perception) -> None:
-    flicker, first, second = TrueFlicker(random_network), frame(3, 0), frame(4, 1)
+    flicker, first, second = TrueFlicker(random_network, 0), frame(3, 0), frame(4, 1)
     assert flicker.change(first) is None
     change = flicker.change(second)
     assert change is not None
@@ -42,11 +42,11 @@ def test_a_change_is_lpips_within_the_hair_of_both_frames(random_network: Percep
 
 
 def test_only_frames_in_a_row_with_hair_are_compared(random_network: Perception) -> None:
-    flicker = TrueFlicker(random_network)
+    flicker = TrueFlicker(random_network, 0)
     assert [flicker.change(frame(index, index)) is None for index in (0, 1, 3, 4)] == [True, False, True, False]
     assert flicker.change(frame(5, 5, hair=False)) is None
     assert flicker.change(frame(6, 6)) is None
-    blind = TrueFlicker(Perception(None, "none"))
+    blind = TrueFlicker(Perception(None, "none"), 0)
     assert [blind.change(frame(index, index)) for index in range(3)] == [None] * 3
 
 

@@ -18,14 +18,18 @@ from dynhair.evaluation.torso import BODY_FOLLOW, FAINT_HAIR, HAIR_MARGIN, LEAST
 
 MOTION = "hair_motion_explained"
 FLICKER = "hair_tlpips_excess"
-TEMPORAL_FIGURES = ("hair_tiou", "hair_tiou_truth", FLICKER)
+STILL_OVERLAP, STILL_CHANGE = "hair_tiou_still_truth", "hair_tlpips_still_truth"
+STILL_FIGURES = (STILL_OVERLAP, STILL_CHANGE)
+"""What noise alone does to the truth's own figures from frame to frame."""
+
+TEMPORAL_FIGURES = ("hair_tiou", "hair_tiou_truth", FLICKER, *STILL_FIGURES)
 HAIR_FIGURES = ("hair_psnr", "hair_ssim", "hair_iou", *TEMPORAL_FIGURES)
 """The figures of hair that need hair masks."""
 
 SILHOUETTE_FIGURES = ("hair_iou", "hair_tiou")
 """The figures that need the hair's coverage in the method's own images."""
 
-LPIPS_FIGURES = ("lpips", "face_lpips", FLICKER)
+LPIPS_FIGURES = ("lpips", "face_lpips", FLICKER, STILL_CHANGE)
 FID_FIGURES = ("fid", "hair_fid")
 FACE_FIGURES = ("face_psnr", "face_ssim", "face_lpips")
 BOUNDARY_FIGURES = ("boundary_psnr", "boundary_label_error")
@@ -63,6 +67,11 @@ DEFINITIONS: Mapping[str, str] = {
     FLICKER: "the paper's tLPIPS_ex: LPIPS (0.1, AlexNet) of the avatar's images in frames t and t + 1 of one camera, "
     "black outside the truth's hair masks of both frames, less that of the truth's images there; above 0 the avatar "
     "flickers, below it is stiff; mean over pairs",
+    STILL_OVERLAP: "hair_tiou_truth over the frames before a motion moves the head, where noise of the "
+    "truth's masks alone makes it less than 1: by up to this much silhouettes without noise overlap more than the "
+    "truth's; mean over pairs",
+    STILL_CHANGE: f"LPIPS of the truth's images as in {FLICKER} over these frames, where noise alone makes it more "
+    "than 0: by up to this much images without noise are below 0 there; mean over pairs",
     MOTION: "1 - mean |d - g| / mean |g| over frames and points of the true strands, in the head's frame: g is a "
     f"point's displacement from rest, d the avatar's, blended by inverse distance from its {NEAREST_POINTS} "
     "strand points nearest to that point at rest; 1 is the true motion, 0 a rigid hairstyle",

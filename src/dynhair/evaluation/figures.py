@@ -13,12 +13,20 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from dynhair.evaluation.definitions import BOUNDARY_FIGURES, DEFINITIONS, FACE_FIGURES, MOTION, TORSO_FIGURES
+from dynhair.evaluation.definitions import (
+    BOUNDARY_FIGURES,
+    DEFINITIONS,
+    FACE_FIGURES,
+    MOTION,
+    STILL_FIGURES,
+    TORSO_FIGURES,
+)
 from dynhair.evaluation.hair_motion import motion_explained
 
 _NOT_SEEN = {
     FACE_FIGURES: "no evaluated image shows the face",
     BOUNDARY_FIGURES: "no evaluated image shows an edge of hair",
+    STILL_FIGURES: "no motion begins with a head that rests for two frames",
     TORSO_FIGURES: "no evaluated image shows edges of the torso in two frames",
 }
 """Why figures have no samples where all that they need is there."""

@@ -25,10 +25,12 @@ class TrueChange:
     Attributes:
         region: where hair is in either frame, in [0, 1].
         distance: LPIPS of the truth's two images there.
+        still: whether nothing has moved yet.
     """
 
     region: Float[Tensor, "v h w"]
     distance: Float[Tensor, " v"]
+    still: bool
 
 
 class TrueFlicker:
@@ -36,10 +38,11 @@ class TrueFlicker:
 
     Args:
         perception: for LPIPS.
+        still: how many frames the motion begins with before anything moves.
     """
 
-    def __init__(self, perception: Perception) -> None:
-        self._perception = perception
+    def __init__(self, perception: Perception, still: int) -> None:
+        self._perception, self._still = perception, still
         self._last: TrueFrame | None = None
 
     def change(self, truth: TrueFrame) -> TrueChange | None:
@@ -50,7 +53,8 @@ class TrueFlicker:
         if last.hair_coverage is None or truth.hair_coverage is None:
             return None
         region = (last.hair_coverage + truth.hair_coverage).clamp(0, 1)
-        return TrueChange(region, hair_change(self._perception, last.rgb, truth.rgb, region))
+        distance = hair_change(self._perception, last.rgb, truth.rgb, region)
+        return TrueChange(region, distance, still=truth.index < self._still)
 
 
 def hair_change(

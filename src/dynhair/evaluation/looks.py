@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from jaxtyping import Float
 from torch import Tensor
 
-from dynhair.evaluation.definitions import FLICKER, LPIPS_FIGURES
+from dynhair.evaluation.definitions import FLICKER, LPIPS_FIGURES, STILL_CHANGE
 from dynhair.evaluation.face import FaceRegion
 from dynhair.evaluation.figures import FigureSums
 from dynhair.evaluation.flicker import TrueChange, TrueFlicker, hair_change
@@ -35,11 +35,12 @@ class TrueLooks:
 
     Args:
         perception: for LPIPS.
+        still: how many frames the segment begins with before anything moves.
     """
 
-    def __init__(self, perception: Perception) -> None:
+    def __init__(self, perception: Perception, still: int) -> None:
         self.perception = perception
-        self._flicker = TrueFlicker(perception)
+        self._flicker = TrueFlicker(perception, still)
         self._frames = 0
 
     def frame(self, truth: TrueFrame, face: FaceRegion | None) -> TrueLook:
@@ -74,4 +75,6 @@ class LooksMeter:
         if truth.change is not None and self._last is not None:
             moved = hair_change(perception, self._last, rgb, truth.change.region)
             self._sums.add(FLICKER, moved - truth.change.distance)
+            if truth.change.still:
+                self._sums.add(STILL_CHANGE, truth.change.distance)
         self._last = rgb

@@ -5,7 +5,13 @@ from __future__ import annotations
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from dynhair.evaluation.definitions import BOUNDARY_FIGURES, HAIR_FIGURES, SILHOUETTE_FIGURES, TORSO_FIGURES
+from dynhair.evaluation.definitions import (
+    BOUNDARY_FIGURES,
+    HAIR_FIGURES,
+    SILHOUETTE_FIGURES,
+    STILL_OVERLAP,
+    TORSO_FIGURES,
+)
 from dynhair.evaluation.figures import FigureSums
 from dynhair.evaluation.head_meter import NO_HAIR_COVERAGE, Drawn, HeadMeter
 from dynhair.evaluation.head_truth import HeadTruth, HeadTruths
@@ -22,10 +28,11 @@ class Meter:
         sums: of the segment.
         series: of the segment.
         heads: the segment's truth of the head.
+        still: how many frames the segment begins with before anything moves.
     """
 
-    def __init__(self, sums: FigureSums, series: Series, heads: HeadTruths) -> None:
-        self._sums, self._series = sums, series
+    def __init__(self, sums: FigureSums, series: Series, heads: HeadTruths, still: int) -> None:
+        self._sums, self._series, self._still = sums, series, still
         self._head = HeadMeter(heads, sums)
         self._last: tuple[int, Bool[Tensor, "v h w"]] | None = None
         self._last_true: tuple[int, Bool[Tensor, "v h w"]] | None = None
@@ -52,6 +59,8 @@ class Meter:
         self._head.add(truth, head, drawn, error, similarity)
 
     def _add_silhouettes(self, index: int, drawn: Drawn, truth: Bool[Tensor, "v h w"]) -> None:
+        if index < self._still and self._last_true is not None:
+            self._sums.add(STILL_OVERLAP, silhouette_iou(self._last_true[1], truth))
         self._last_true = self._add_overlap("hair_tiou_truth", self._last_true, index, truth)
         if drawn.hair is None:
             self._sums.explain(NO_HAIR_COVERAGE, *SILHOUETTE_FIGURES)

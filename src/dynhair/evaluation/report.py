@@ -21,6 +21,7 @@ COLUMNS = {
     "hair_iou": ("hair\nIoU", 3),
     "hair_tiou": ("hair\ntIoU", 3),
     "hair_tiou_truth": ("truth\ntIoU", 3),
+    "hair_tiou_still_truth": ("of it\nstill", 3),
     "hair_motion_explained": ("motion\nexpl.", 3),
 }
 HEAD_COLUMNS = {

@@ -21,6 +21,7 @@ from dynhair.evaluation.looks import LooksMeter, TrueLook, TrueLooks
 from dynhair.evaluation.meter import Meter
 from dynhair.evaluation.motion_meter import NOT_CONSECUTIVE, MotionMeter, PosedHair
 from dynhair.evaluation.series import Series
+from dynhair.evaluation.stillness import still_frames
 from dynhair.evaluation.true_motion import HeadObstacle, RestingHair, TrueMotion, in_head
 from dynhair.evaluation.truth import TrueFrame
 from dynhair.strands import MeshDistance
@@ -75,7 +76,8 @@ class SegmentTruths:
         self.track: HeadTrack = capture.track(segment)
         with watch.part("figures"):
             self.heads, self.motion = HeadTruths(capture, segment), TrueMotion(capture, segment, rest)
-        self.looks = TrueLooks(appearance.alexnet)
+        self.still = still_frames(self.track)
+        self.looks = TrueLooks(appearance.alexnet, self.still)
         self.appearance = AppearanceTruths(appearance, frames, test=segment.split == "test")
         self._obstacle = HeadObstacle(capture, segment)
 
@@ -103,7 +105,7 @@ class SegmentMeter:
     def __init__(self, truths: SegmentTruths, sums: FigureSums, *, twin: bool) -> None:
         self.sums, self.series = sums, Series(truths.segment, truths.capture.fps)
         self._truths, self._twin = truths, twin
-        self._images = Meter(sums, self.series, truths.heads)
+        self._images = Meter(sums, self.series, truths.heads, truths.still)
         self._looks = LooksMeter(truths.looks, sums)
         self._appearance = AppearanceMeter(truths.appearance, sums)
         test, fps, motion = truths.segment.split == "test", truths.capture.fps, truths.motion
