@@ -19,6 +19,8 @@ from dynhair.capture import Capture
 from dynhair.capture.check import Finding, check_capture, contact_sheet, print_findings, run_check
 from dynhair.capture.encoding import read_size
 from dynhair.errors import DynhairError
+from dynhair.training.frames import training_segments
+from dynhair.training.rest import Rest
 
 Damage = Callable[[Path], object]
 
@@ -138,7 +140,6 @@ BREAKS: list[tuple[str, str, Damage, str]] = [
     ("overlapping segments", MANIFEST, set_segment(1, start=2), "overlap"),
     ("two of one name", MANIFEST, set_segment(1, motion="turn"), "two segments"),
     ("unknown split", MANIFEST, set_segment(1, split="val"), "`split` is 'val'"),
-    ("nothing to train on", MANIFEST, set_segment(0, split="test"), "no segment has the split `train`"),
     ("a segment that is not one", MANIFEST, edit_json(lambda raw: raw.update(segments=[3])), r"segments\[0\]"),
     ("size of words", MANIFEST, edit_json(lambda raw: raw.update(image_size="large")), "`image_size`"),
 ]
@@ -185,6 +186,15 @@ def test_what_is_suspicious_is_warned_of(broken: Path, file: str, damage: Damage
 
 def test_a_sound_capture_has_no_findings(pristine: Path) -> None:
     assert check_capture(pristine) == []
+
+
+def test_a_capture_for_tests_alone_is_noted_and_opens(broken: Path) -> None:
+    set_segment(0, split="test")(broken / MANIFEST)
+    assert [(f.severity, str(f.file)) for f in check_capture(broken)] == [("note", MANIFEST)]
+    capture = Capture.open(broken)
+    with pytest.raises(DynhairError, match="no segment has the split `train`"):
+        training_segments(capture)
+    assert Rest.of(capture).segment == capture.segments[0]
 
 
 def test_the_bundled_capture_has_no_findings() -> None:

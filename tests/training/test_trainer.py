@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -160,6 +161,15 @@ def test_the_static_stage_alone_can_be_gone_on_with(capture: Path, trained: Path
     assert not run.avatar.exists()
     train(capture, out, resume=True, console=quiet())
     assert_same_avatar(out, trained)
+
+
+def test_a_capture_with_nothing_to_train_on_leaves_no_run(capture: Path, tmp_path: Path) -> None:
+    tests = tmp_path / "tests"
+    shutil.copytree(capture, tests)
+    (tests / "capture.json").write_text((tests / "capture.json").read_text().replace('"train"', '"test"'))
+    with pytest.raises(DynhairError, match="no segment has the split `train`"):
+        train(tests, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
 
 
 def test_an_unreadable_groom_leaves_no_run(capture: Path, tmp_path: Path) -> None:

@@ -173,8 +173,6 @@ class _Parser:
             return ()
         segments = [s for s in (self._segment(i, item) for i, item in enumerate(value)) if s is not None]
         self._check_order(segments)
-        if segments and all(s.split != "train" for s in segments):
-            self._problem("no segment has the split `train`", "at least one", "set `split` of a segment to train")
         return tuple(segments)
 
     def _segment(self, index: int, item: Any) -> Segment | None:

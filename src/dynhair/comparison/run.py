@@ -25,6 +25,7 @@ from dynhair.comparison.workers import Command, Workers, row_command
 from dynhair.config import PRESETS, Config, DeformerKind, chosen_config
 from dynhair.errors import DynhairError
 from dynhair.threads import thread_count
+from dynhair.training.frames import training_segments
 from dynhair.training.run import Run
 from dynhair.training.trainer import with_precision
 
@@ -120,10 +121,11 @@ def _asked(table: TableName, capture: Path, out: Path, preset: str, config: Conf
     """The comparison that is asked for, before looking at what there is of it."""
     if not rows:
         raise DynhairError("no rows are asked for", expected="a seed, and a method or ablation")
-    path = Capture.open(capture, cache_bytes=0).path.resolve()
+    opened = Capture.open(capture, cache_bytes=0)
+    training_segments(opened)  # without any it is refused before there is a folder
     # rows have seeds of their own
     config = dataclasses.replace(config, training=dataclasses.replace(config.training, seed=0))
-    return Comparison(out.resolve(), table, path, preset, config, {row.name: row for row in rows})
+    return Comparison(out.resolve(), table, opened.path.resolve(), preset, config, {row.name: row for row in rows})
 
 
 def _drivers(capture: Path, paths: Sequence[Path]) -> dict[str, Path]:

@@ -14,8 +14,20 @@ from dynhair.motion import HeadAtRest
 
 
 def training_segments(capture: Capture) -> list[Segment]:
-    """The segments that training may see."""
-    return [segment for segment in capture.segments if segment.split == "train"]
+    """The segments that training may see.
+
+    Raises:
+        DynhairError: there are none.
+    """
+    segments = [segment for segment in capture.segments if segment.split == "train"]
+    if not segments:
+        raise DynhairError(
+            "no segment has the split `train`",
+            path=capture.path / "capture.json",
+            expected="at least one to train on",
+            mend="set `split` of a segment to train",
+        )
+    return segments
 
 
 def rest_frame(capture: Capture) -> tuple[Segment, int]:

@@ -85,6 +85,7 @@ def train(
     out, groom = Path(out), None if hair_init is None else Path(hair_init)
     processes = Processes()
     data = Capture.open(capture, cache_bytes=DEFAULT_CACHE_BYTES // processes.local_count)
+    training_segments(data)  # without any it is refused before there is a run
     if not processes.first:
         console = Console(quiet=True)
     console = console or Console()

@@ -48,6 +48,15 @@ def run_check(path: Path | str, sheet: Path | None = None) -> int:
     return int(any(finding.severity == "error" for finding in findings))
 
 
+_NOTHING_TO_TRAIN_ON = Finding(
+    "note",
+    Path("capture.json"),
+    "no segment has the split `train`: avatars can be evaluated on it and driven by it, not trained",
+    "at least one, to train",
+    "set `split` of a segment to train",
+)
+
+
 def check_capture(path: Path | str, *, console: Console | None = None) -> list[Finding]:
     """Validate everything in a capture: all files are read, all images decoded, in parallel.
 
@@ -92,7 +101,10 @@ def _manifest(layout: Layout, findings: list[Finding]) -> Manifest | None:
             raw = read_json(layout.manifest)
             problems = manifest_problems(raw, layout.manifest)
             if not problems:
-                return parse_manifest(raw, layout.manifest)
+                manifest = parse_manifest(raw, layout.manifest)
+                if all(segment.split != "train" for segment in manifest.segments):
+                    findings.append(_NOTHING_TO_TRAIN_ON)
+                return manifest
             findings += [Finding.from_error(problem, layout.root) for problem in problems]
         except DynhairError as error:
             findings.append(Finding.from_error(error, layout.root))
