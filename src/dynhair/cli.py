@@ -165,7 +165,9 @@ def train(
     train_avatar(capture, out, chosen, stages=stages, hair_init=hair_init, resume=resume)
 
 
-def evaluate(avatar: Positional[Path], capture: Positional[Path], out: Path | None = None) -> None:
+def evaluate(
+    avatar: Positional[Path], capture: Positional[Path], out: Path | None = None, *, reenact: bool = False
+) -> None:
     """Measure an avatar on a capture's motions, held-out ones first: tables, metrics.json, videos, pictures.
 
     Its hair at rest is measured too, from views that training saw and from held-out ones; of a run that has not got
@@ -175,12 +177,14 @@ def evaluate(avatar: Positional[Path], capture: Positional[Path], out: Path | No
         avatar: The avatar's folder, or the run's.
         capture: The capture's folder.
         out: Folder for the results; beside the avatar as "evaluation" by default.
+        reenact: The capture shows another person, even if the heads are too alike to tell: it drives the avatar, and
+            only how the hair moves is measured.
     """
     from dynhair.evaluation import run_evaluation
     from dynhair.training import avatar_folder
 
     folder = avatar_folder(avatar)
-    run_evaluation(folder, capture, out or folder.parent / "evaluation")
+    run_evaluation(folder, capture, out or folder.parent / "evaluation", reenact=reenact)
 
 
 def compare(

@@ -76,10 +76,10 @@ def test_each_driver_drives_a_row_once(compared: Comparison, calls: Calls, tmp_p
     for _ in range(2):
         make_row(compared.path, "ours-seed5")
     folder = compared.folder("ours-seed5")
-    assert [call["values"] for name, call in calls if name == "evaluate"] == [
-        (folder / "avatar", compared.capture, folder / "evaluation"),
-        (folder / "avatar", tmp_path / "first", folder / "driven_by" / "first"),
-        (folder / "avatar", tmp_path / "second", folder / "driven_by" / "second"),
+    assert [(*call["values"], call.get("reenact", False)) for name, call in calls if name == "evaluate"] == [
+        (folder / "avatar", compared.capture, folder / "evaluation", False),
+        (folder / "avatar", tmp_path / "first", folder / "driven_by" / "first", True),
+        (folder / "avatar", tmp_path / "second", folder / "driven_by" / "second", True),
     ]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from torch import Tensor
 from dynhair.camera import Camera
 from dynhair.capture import Capture, ExpressionBasis, HeadTrack, Segment
 from dynhair.config import preset
+from dynhair.errors import DynhairError
 from dynhair.evaluation import run as evaluation_run
 from dynhair.evaluation.reenactment import NO_TRUTH, OWN_FIGURES
 from dynhair.evaluation.retargeting import Retargeting, another_person
@@ -137,16 +139,21 @@ def test_persons_are_told_apart_by_their_shape(captures: tuple[Path, Path], tmp_
 
 
 @pytest.mark.parametrize("strands", [True, False])
+@pytest.mark.parametrize("alike", [True, False])
 def test_the_command_measures_motion_alone(
-    strands: bool, captures: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    alike: bool, strands: bool, captures: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    driver = captures[1]
+    if alike:  # then it has to be told
+        driver = tmp_path / "twin"
+        shutil.copytree(captures[0], driver)
     run = Run.create(tmp_path / "run", captures[0], preset("tiny"))
     run.avatar.mkdir()
     hair = np.load(captures[0] / "gt" / "turn.npz")["strands"][0] - HEAD_ORIGIN
     monkeypatch.setattr(evaluation_run, "open_driven_head", lambda path, device: SwingingHead(hair, strands=strands))
     output = io.StringIO()
     out = tmp_path / "out"
-    evaluation_run.run_evaluation(run.path, captures[1], out, console=Console(file=output, width=80))
+    evaluation_run.run_evaluation(run.path, driver, out, reenact=alike, console=Console(file=output, width=80))
     assert sorted(path.name for path in out.iterdir()) == ["cross_nod.mp4", "metrics.json", "series.npz"]
     written = json.loads(json.dumps(read_json(out / "metrics.json"), allow_nan=False))
     measured = {name for name in written["definitions"] if written[name] is not None}
@@ -162,3 +169,15 @@ def test_the_command_measures_motion_alone(
     printed = output.getvalue()
     assert "cross-reenactment" in printed
     assert max(len(line) for line in printed.splitlines() if not line.startswith("wrote")) <= 80
+
+
+def test_what_drives_an_avatar_is_not_its_own_capture(
+    captures: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = Run.create(tmp_path / "run", captures[0], preset("tiny"))
+    run.avatar.mkdir()
+    hair = np.load(captures[0] / "gt" / "turn.npz")["strands"][0] - HEAD_ORIGIN
+    monkeypatch.setattr(evaluation_run, "open_driven_head", lambda path, device: SwingingHead(hair, strands=True))
+    with pytest.raises(DynhairError, match="the one that should drive it"):
+        evaluation_run.run_evaluation(run.path, captures[0], tmp_path / "out", reenact=True)
+    assert not (tmp_path / "out").exists()

@@ -56,7 +56,7 @@ def make_row(path: Path, name: str) -> None:
     for driver, capture in comparison.drivers.items():
         out = driven(comparison, row) / driver
         if not (out / "metrics.json").exists():
-            run_evaluation(avatar, capture, out, console=console)
+            run_evaluation(avatar, capture, out, reenact=True, console=console)
 
 
 def _train(comparison: Comparison, row: Row, console: Console) -> None:

@@ -63,7 +63,7 @@ def run_comparison(
 
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed; rows have saved what they had.
-        DynhairError: a capture or the run cannot be read; a driver is the same person; ``out`` holds a comparison of
+        DynhairError: a capture or the run cannot be read; a driver is the capture itself; ``out`` holds a comparison of
             something else; another process is at work there.
     """
     run = None if avatar is None else _trained_run(avatar, capture, options)
@@ -132,23 +132,19 @@ def _drivers(capture: Path, paths: Sequence[Path]) -> dict[str, Path]:
     """Captures of other people by the names of their folders.
 
     Raises:
-        DynhairError: one cannot be read, shows the person of the compared capture, or has another one's name.
+        DynhairError: one cannot be read, is the compared capture itself, or has another one's name.
     """
-    from dynhair.evaluation.retargeting import another_person
-
-    own, drivers = Capture.open(capture, cache_bytes=0), {}
+    drivers: dict[str, Path] = {}
     for path in paths:
-        driver = Capture.open(path, cache_bytes=0)
-        if not another_person(own, driver):
+        driver = Capture.open(path, cache_bytes=0).path.resolve()
+        if driver == capture:
             raise DynhairError(
-                "the capture shows the same person",
+                "the capture that is compared on cannot drive what it is the truth of",
                 path=path,
-                expected="another person, as the head's shape at rest tells",
-                mend=f"measure against its images instead: dynhair evaluate RUN {path}",
+                expected="another person's",
             )
-        name = driver.path.resolve().name
-        if drivers.setdefault(name, driver.path.resolve()) != driver.path.resolve():
-            raise DynhairError(f"two drivers are named '{name}'", path=path, mend="rename one of the folders")
+        if drivers.setdefault(driver.name, driver) != driver:
+            raise DynhairError(f"two drivers are named '{driver.name}'", path=path, mend="rename one of the folders")
     return drivers
 
 

@@ -20,6 +20,7 @@ from dynhair.baselines import open_driven_head
 from dynhair.capture import Capture
 from dynhair.device import best_device
 from dynhair.errors import DynhairError
+from dynhair.evaluation import reenactment
 from dynhair.evaluation.appearance import Appearance
 from dynhair.evaluation.expressions import ExpressionSheet
 from dynhair.evaluation.hairstyle import HairstyleEvaluation, evaluate_hairstyles
@@ -27,7 +28,6 @@ from dynhair.evaluation.held_out import HeldOutViews, held_out_views, same_folde
 from dynhair.evaluation.protocol import DrivenHead, evaluate_avatar, evaluated_indices
 from dynhair.evaluation.recorder import Recorder, ReenactmentRecorder
 from dynhair.evaluation.records import EvaluatedFrame, Evaluation
-from dynhair.evaluation.reenactment import reenact
 from dynhair.evaluation.report import evaluation_table, hairstyle_table, reenactment_table
 from dynhair.evaluation.retargeting import another_person
 from dynhair.evaluation.series import write_series
@@ -57,6 +57,7 @@ def run_evaluation(
     capture_path: Path | str,
     out: Path | str,
     *,
+    reenact: bool = False,
     appearance: Appearance | None = None,
     device: torch.device | str | None = None,
     console: Console | None = None,
@@ -73,6 +74,7 @@ def run_evaluation(
         out: folder for ``metrics.json`` and, of an avatar, ``series.npz``, ``test_<segment>.mp4``,
             ``contact_sheet.png`` and, where expressions vary, ``expressions.png``; or ``cross_<segment>.mp4`` of an
             avatar that another person drives.
+        reenact: whether the capture shows another person even if the heads are too alike to tell.
         appearance: networks that compare images; the published ones when left out.
         device: where the avatar is posed and rendered; a GPU where there is one, when left out.
         console: where progress and tables go; standard output when left out.
@@ -90,7 +92,13 @@ def run_evaluation(
     if avatar_folder(path).exists() or not hairstyles:
         avatar = open_driven_head(path, device or best_device())
         own = _own_capture(run, capture)
-        if own is not None and another_person(own, capture):
+        if reenact and own is None:
+            raise DynhairError(
+                "not known on which capture it was trained, or that is gone, or is the one that should drive it",
+                path=path,
+                expected="an avatar in its run, whose capture is there, and another capture",
+            )
+        if own is not None and (reenact or another_person(own, capture)):
             return RunEvaluation(_reenact(avatar, own, capture, figures, out, console), None)
         own_hair = getattr(avatar, "canonical_strands", None)
         hairstyles = hairstyles or ({} if own_hair is None else {"canonical": own_hair})
@@ -130,7 +138,7 @@ def _reenact(
     """Drive the avatar by another person's capture, and print and write what can then be measured."""
     with console.status("driving the avatar by another person"), large_pieces():
         with ReenactmentRecorder(driver, out) as recorder:
-            evaluation = reenact(avatar, own, driver, observe=recorder)
+            evaluation = reenactment.reenact(avatar, own, driver, observe=recorder)
         write_series(out / SERIES_FILE, {part.segment.name: part.series for part in evaluation.segments})
     why = {"hairstyle": {"reason": "the capture shows another person"}}
     write_json(out / METRICS, {**figures, **evaluation.to_json(), **why})
