@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -57,8 +59,10 @@ def test_an_oscillator_moves_exactly_under_a_force_held_from_frame_to_frame(
     assert found.item() == pytest.approx(state[0], abs=1e-9)
 
 
-def test_displacements_are_mode_shapes_times_amplitudes() -> None:
-    deformer, window = lively(ModalDeformer(canonical(), CONFIG).double()), windows(1, 13)
+@pytest.mark.parametrize("own", [False, True])
+def test_displacements_are_mode_shapes_times_amplitudes(own: bool) -> None:
+    config = replace(CONFIG, strand_shapes=own)
+    deformer, window = lively(ModalDeformer(canonical(), config).double()), windows(1, 13)
     omega = window[0, :, :3]
     products = torch.stack([omega[:, i] * omega[:, j] for i in range(3) for j in range(i, 3)], 1)
     forces = torch.cat([window[0], products], 1) @ deformer.forces.weight.T
@@ -68,6 +72,9 @@ def test_displacements_are_mode_shapes_times_amplitudes() -> None:
         assert isinstance(layer, torch.nn.Linear)
         hidden = functional.leaky_relu(layer(hidden))
     shapes = deformer.shapes(hidden).view(-1, 3, CONFIG.modes)
+    if own:
+        assert deformer.strand_shapes is not None
+        shapes = shapes + deformer.strand_shapes.view_as(shapes)
     at_knots = (shapes @ amplitudes).view(3, 5, 3)
     along = torch.einsum("lk,knc->nlc", deformer.spline.double(), at_knots)
     expected = DISPLACEMENT_UNIT * deformer.root_attenuation[:, None] * along
@@ -103,8 +110,24 @@ def test_a_shorter_past_is_a_past_at_rest() -> None:
     torch.testing.assert_close(deformer(padded), deformer(window))
 
 
+def test_a_strand_may_move_as_no_neighbour_does() -> None:
+    """Two strands in one place, of which the network says the same."""
+    twins = canonical(1).expand(2, -1, -1)
+    deformer, window = lively(ModalDeformer(twins, replace(CONFIG, strand_shapes=True))), windows(1, 13)[0].float()
+    first, second = deformer(window)
+    assert (first - second).abs().max() > 1e-3
+    assert deformer.strand_shapes is not None
+    with torch.no_grad():
+        deformer.strand_shapes.zero_()
+    torch.testing.assert_close(*deformer(window))
+    fresh = ModalDeformer(twins, replace(CONFIG, strand_shapes=True))
+    assert fresh.strand_shapes is not None
+    assert not fresh.strand_shapes.any()
+
+
 def test_gradients_reach_every_parameter_and_are_right() -> None:
-    deformer, window = lively(ModalDeformer(canonical(2, 4), CONFIG).double()), windows(1, 5)[0]
+    config = replace(CONFIG, strand_shapes=True)
+    deformer, window = lively(ModalDeformer(canonical(2, 4), config).double()), windows(1, 5)[0]
     deformer(window).square().sum().backward()
     for name, parameter in deformer.named_parameters():
         assert parameter.grad is not None, name

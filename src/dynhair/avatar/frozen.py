@@ -65,7 +65,11 @@ class FrozenHair(Hair):
         """What the network says of all knots."""
         assert isinstance(self.deformer, HairDeformer)
         layers = self.deformer.layers(embedding)
-        return FrozenLayers([layer.weight for layer in layers])([layer.bias for layer in layers], self.deformer.code)
+        network = FrozenLayers([layer.weight for layer in layers])
+        at_knots = network([layer.bias for layer in layers], self.deformer.code)
+        if isinstance(self.deformer, ModalDeformer):
+            return self.deformer.with_own_shapes(at_knots, embedding)
+        return at_knots
 
 
 class FrozenHead(Head):

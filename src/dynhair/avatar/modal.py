@@ -76,7 +76,8 @@ class ModalDeformer(HairDeformer):
     The forces on the modes are linear in angular acceleration, angular velocity, its products in pairs (centrifugal
     forces), and gravity less the head's own acceleration, counted from rest. Mode shapes come from a network of a
     point's encoded canonical position and place along the strand; as they enter linearly, the modes fold into its last
-    layer, and it costs as much as a network of one displacement.
+    layer, and it costs as much as a network of one displacement. What a strand does that its neighbours do not, such a
+    network learns last; strands may have shapes of their own beside it, which begin at nothing.
 
     Args:
         canonical: canonical strands in the head frame, metres.
@@ -96,11 +97,15 @@ class ModalDeformer(HairDeformer):
         self.shapes = nn.Linear(sizes[-1], 3 * config.modes)
         nn.init.normal_(self.shapes.weight, std=1e-2)  # the hair hardly moves at first
         nn.init.zeros_(self.shapes.bias)
+        own = self.code.new_zeros(3 * len(self.code), config.modes)
+        self.strand_shapes = nn.Parameter(own) if config.strand_shapes else None
 
     def parameters_by_rate(self) -> dict[str, list[nn.Parameter]]:
-        """As :meth:`HairDeformer.parameters_by_rate`: the oscillators learn faster than the rest."""
-        rest = [parameter for name, parameter in self.named_parameters() if not name.startswith("oscillators.")]
-        return {"modes": list(self.oscillators.parameters()), "deformer": rest}
+        """As :meth:`HairDeformer.parameters_by_rate`: oscillators learn faster than the rest, own shapes slower."""
+        apart = ("oscillators.", "strand_shapes")
+        rest = [parameter for name, parameter in self.named_parameters() if not name.startswith(apart)]
+        own = [] if self.strand_shapes is None else [self.strand_shapes]
+        return {"modes": list(self.oscillators.parameters()), "deformer": rest, "strand_shapes": own}
 
     def embedding(self, window: Float[Tensor, "t c"]) -> Float[Tensor, " modes"]:
         """The modes' amplitudes at the end of a window."""
@@ -112,3 +117,15 @@ class ModalDeformer(HairDeformer):
         hidden = [PointLayer(layer.weight, layer.bias) for layer in self.mlp if isinstance(layer, nn.Linear)]
         weight, bias = (part.unflatten(0, (3, -1)) for part in (self.shapes.weight, self.shapes.bias))
         return [*hidden, PointLayer(torch.einsum("cmh,m->ch", weight, embedding), bias @ embedding)]
+
+    def at_knots(self, embedding: Float[Tensor, " modes"]) -> Float[Tensor, "k 3"]:
+        """As :meth:`HairDeformer.at_knots`, with the strands' own shapes."""
+        return self.with_own_shapes(super().at_knots(embedding), embedding)
+
+    def with_own_shapes(
+        self, at_knots: Float[Tensor, "k 3"], embedding: Float[Tensor, " modes"]
+    ) -> Float[Tensor, "k 3"]:
+        """What the network says of all knots, and what their strands' own shapes add."""
+        if self.strand_shapes is None:
+            return at_knots
+        return at_knots + (self.strand_shapes @ embedding).view_as(at_knots)
