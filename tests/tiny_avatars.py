@@ -40,7 +40,7 @@ MOTION_KINDS: tuple[dict[str, Any], ...] = (
     {"knots": 3},
     {"layers": 3},
     {"kind": "modal"},
-    {"kind": "modal", "strand_shapes": True},
+    {"kind": "modal", "guides": 6},
     {"kind": "modal", "turn": True},
     {"inextensible": True},
 )

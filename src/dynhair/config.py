@@ -25,6 +25,9 @@ HISTORIES: Mapping[DeformerKind, int] = {"paper": 20, "modal": 120}
 """Frames that each looks back, if nothing else is said. The paper's are 5; with 20 its hair is better on motions that
 training did not see. Modes forget: after 120 frames even the slowest keeps 1 % of a swing, as they begin."""
 
+GUIDES = 300
+"""Guides of modal hair, if nothing else is said."""
+
 
 @dataclass(frozen=True)
 class DeformerConfig:
@@ -47,7 +50,7 @@ class DeformerConfig:
         width: size of the MLP's hidden layers.
         layers: number of the MLP's hidden layers.
         modes: number of modes.
-        strand_shapes: whether each strand has mode shapes of its own at its knots, added to those of the network.
+        guides: strands with mode shapes of their own, which all strands blend and add to the network's; none if 0.
         knots: points of a strand that the network is evaluated at, a spline in between; all points if 0. The paper's
             is 0. On a trained avatar 8 of 32 cost a quarter and differ by 2.5 % of the motion's RMS.
         inextensible: whether displacements only turn the strands' segments, which keep their lengths, and roots stay
@@ -57,7 +60,7 @@ class DeformerConfig:
     kind: DeformerKind = "paper"
     history: int = 5
     modes: int = 48
-    strand_shapes: bool = False
+    guides: int = 0
     signals: Literal["velocity", "pose"] = "velocity"
     acceleration: bool = True
     gravity: bool = True
@@ -231,7 +234,7 @@ class LearningRates:
     scalp_cover: float = 1e-2
     pose_correction: float = 1e-5
     modes: float = 5e-3
-    strand_shapes: float = 5e-4
+    guides: float = 1e-3
 
 
 @dataclass(frozen=True)
@@ -301,7 +304,7 @@ _MEASURED = dataclasses.replace(_SUPPLEMENT, orientation=5.0, elastic=200_000.0,
 # at two to three times these, where the other motions gained.
 _RATES = LearningRates(deformer=3e-3, modes=1e-2)
 _MODES = DeformerConfig(
-    "modal", HISTORIES["modal"], strand_shapes=True, turn=True, position_frequencies=3, inextensible=True
+    "modal", HISTORIES["modal"], guides=GUIDES, turn=True, position_frequencies=3, inextensible=True
 )
 
 
@@ -426,7 +429,7 @@ def chosen_config(
 def with_deformer(config: Config, kind: DeformerKind) -> Config:
     """A configuration with another kind of deformer, which looks as far back as is good for that one.
 
-    The paper's also stretches strands and does not see the head's turn since rest, as in the paper, and has no shapes.
+    The paper's also stretches strands and does not see the head's turn since rest, as in the paper, and has no guides.
     """
     if kind == config.hair.deformer.kind:
         return config
@@ -434,7 +437,7 @@ def with_deformer(config: Config, kind: DeformerKind) -> Config:
         config.hair.deformer,
         kind=kind,
         history=HISTORIES[kind],
-        strand_shapes=kind == "modal",
+        guides=GUIDES if kind == "modal" else 0,
         turn=kind == "modal",
         inextensible=kind == "modal",
     )

@@ -59,9 +59,9 @@ def test_an_oscillator_moves_exactly_under_a_force_held_from_frame_to_frame(
     assert found.item() == pytest.approx(state[0], abs=1e-9)
 
 
-@pytest.mark.parametrize("own", [False, True])
-def test_displacements_are_mode_shapes_times_amplitudes(own: bool) -> None:
-    config = replace(CONFIG, strand_shapes=own)
+@pytest.mark.parametrize("guides", [0, 4, 9])
+def test_displacements_are_mode_shapes_times_amplitudes(guides: int) -> None:
+    config = replace(CONFIG, guides=guides)
     deformer, window = lively(ModalDeformer(canonical(), config).double()), windows(1, 13)
     omega = window[0, :, :3]
     products = torch.stack([omega[:, i] * omega[:, j] for i in range(3) for j in range(i, 3)], 1)
@@ -72,9 +72,11 @@ def test_displacements_are_mode_shapes_times_amplitudes(own: bool) -> None:
         assert isinstance(layer, torch.nn.Linear)
         hidden = functional.leaky_relu(layer(hidden))
     shapes = deformer.shapes(hidden).view(-1, 3, CONFIG.modes)
-    if own:
-        assert deformer.strand_shapes is not None
-        shapes = shapes + deformer.strand_shapes.view_as(shapes)
+    if guides:
+        blend = deformer.guides
+        each = deformer.guide_shapes.view(-1, 3, 3, CONFIG.modes)  # guide, knot, axis, mode
+        guided = torch.einsum("nj,njkcm->kncm", blend.weights, each[blend.nearest])
+        shapes = shapes + guided.flatten(0, 1)
     at_knots = (shapes @ amplitudes).view(3, 5, 3)
     along = torch.einsum("lk,knc->nlc", deformer.spline.double(), at_knots)
     expected = DISPLACEMENT_UNIT * deformer.root_attenuation[:, None] * along
@@ -110,23 +112,15 @@ def test_a_shorter_past_is_a_past_at_rest() -> None:
     torch.testing.assert_close(deformer(padded), deformer(window))
 
 
-def test_a_strand_may_move_as_no_neighbour_does() -> None:
-    """Two strands in one place, of which the network says the same."""
-    twins = canonical(1).expand(2, -1, -1)
-    deformer, window = lively(ModalDeformer(twins, replace(CONFIG, strand_shapes=True))), windows(1, 13)[0].float()
-    first, second = deformer(window)
-    assert (first - second).abs().max() > 1e-3
-    assert deformer.strand_shapes is not None
-    with torch.no_grad():
-        deformer.strand_shapes.zero_()
-    torch.testing.assert_close(*deformer(window))
-    fresh = ModalDeformer(twins, replace(CONFIG, strand_shapes=True))
-    assert fresh.strand_shapes is not None
-    assert not fresh.strand_shapes.any()
+def test_guides_begin_at_nothing() -> None:
+    deformer = ModalDeformer(canonical(), replace(CONFIG, guides=3))
+    assert deformer.guide_shapes.shape[0] == 3
+    assert not deformer.guide_shapes.any()
+    assert deformer.parameters_by_rate()["guides"] == [deformer.guide_shapes]
 
 
 def test_gradients_reach_every_parameter_and_are_right() -> None:
-    config = replace(CONFIG, strand_shapes=True)
+    config = replace(CONFIG, guides=2)
     deformer, window = lively(ModalDeformer(canonical(2, 4), config).double()), windows(1, 5)[0]
     deformer(window).square().sum().backward()
     for name, parameter in deformer.named_parameters():

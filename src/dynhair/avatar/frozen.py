@@ -68,7 +68,7 @@ class FrozenHair(Hair):
         network = FrozenLayers([layer.weight for layer in layers])
         at_knots = network([layer.bias for layer in layers], self.deformer.code)
         if isinstance(self.deformer, ModalDeformer):
-            return self.deformer.with_own_shapes(at_knots, embedding)
+            return self.deformer.with_guides(at_knots, embedding)
         return at_knots
 
 

@@ -17,6 +17,8 @@ from torch import Tensor, nn
 
 from dynhair.avatar.chunked import PointLayer
 from dynhair.avatar.deformer import HairDeformer
+from dynhair.avatar.guides import GuideBlend
+from dynhair.avatar.splines import evenly_spaced
 from dynhair.config import DeformerConfig
 from dynhair.motion import signal_names
 
@@ -76,8 +78,9 @@ class ModalDeformer(HairDeformer):
     The forces on the modes are linear in angular acceleration, angular velocity, its products in pairs (centrifugal
     forces), and gravity less the head's own acceleration, counted from rest. Mode shapes come from a network of a
     point's encoded canonical position and place along the strand; as they enter linearly, the modes fold into its last
-    layer, and it costs as much as a network of one displacement. What a strand does that its neighbours do not, such a
-    network learns last; strands may have shapes of their own beside it, which begin at nothing.
+    layer, and it costs as much as a network of one displacement. What a lock does that its neighbours do not, such a
+    network learns last; guide strands may have shapes of their own, which begin at nothing and which all strands blend
+    and add.
 
     Args:
         canonical: canonical strands in the head frame, metres.
@@ -97,15 +100,17 @@ class ModalDeformer(HairDeformer):
         self.shapes = nn.Linear(sizes[-1], 3 * config.modes)
         nn.init.normal_(self.shapes.weight, std=1e-2)  # the hair hardly moves at first
         nn.init.zeros_(self.shapes.bias)
-        own = self.code.new_zeros(3 * len(self.code), config.modes)
-        self.strand_shapes = nn.Parameter(own) if config.strand_shapes else None
+        if config.guides:
+            knots = canonical[:, evenly_spaced(self.points, config.knots)]
+            self.guides = GuideBlend(knots, config.guides)
+            self.guide_shapes = nn.Parameter(canonical.new_zeros(self.guides.count, 3 * knots.shape[1], config.modes))
 
     def parameters_by_rate(self) -> dict[str, list[nn.Parameter]]:
-        """As :meth:`HairDeformer.parameters_by_rate`: oscillators learn faster than the rest, own shapes slower."""
-        apart = ("oscillators.", "strand_shapes")
+        """As :meth:`HairDeformer.parameters_by_rate`: oscillators learn faster than the rest, guides slower."""
+        apart = ("oscillators.", "guide_shapes")
         rest = [parameter for name, parameter in self.named_parameters() if not name.startswith(apart)]
-        own = [] if self.strand_shapes is None else [self.strand_shapes]
-        return {"modes": list(self.oscillators.parameters()), "deformer": rest, "strand_shapes": own}
+        guides = [self.guide_shapes] if self.config.guides else []
+        return {"modes": list(self.oscillators.parameters()), "deformer": rest, "guides": guides}
 
     def embedding(self, window: Float[Tensor, "t c"]) -> Float[Tensor, " modes"]:
         """The modes' amplitudes at the end of a window."""
@@ -119,13 +124,12 @@ class ModalDeformer(HairDeformer):
         return [*hidden, PointLayer(torch.einsum("cmh,m->ch", weight, embedding), bias @ embedding)]
 
     def at_knots(self, embedding: Float[Tensor, " modes"]) -> Float[Tensor, "k 3"]:
-        """As :meth:`HairDeformer.at_knots`, with the strands' own shapes."""
-        return self.with_own_shapes(super().at_knots(embedding), embedding)
+        """As :meth:`HairDeformer.at_knots`, with what the guides add."""
+        return self.with_guides(super().at_knots(embedding), embedding)
 
-    def with_own_shapes(
-        self, at_knots: Float[Tensor, "k 3"], embedding: Float[Tensor, " modes"]
-    ) -> Float[Tensor, "k 3"]:
-        """What the network says of all knots, and what their strands' own shapes add."""
-        if self.strand_shapes is None:
+    def with_guides(self, at_knots: Float[Tensor, "k 3"], embedding: Float[Tensor, " modes"]) -> Float[Tensor, "k 3"]:
+        """What the network says of all knots, and what the guides add to it."""
+        if not self.config.guides:
             return at_knots
-        return at_knots + (self.strand_shapes @ embedding).view_as(at_knots)
+        blended = self.guides(self.guide_shapes @ embedding)
+        return at_knots + blended.view(self.strands, -1, 3).transpose(0, 1).reshape_as(at_knots)
