@@ -11,12 +11,11 @@ from dynhair.ablations import ABLATIONS, AblationName, ablated
 from dynhair.config import preset, with_deformer
 
 CHANGES: dict[str, set[str]] = {
-    "paper-deformer": {f"hair.deformer.{name}" for name in ("kind", "history", "turn", "guides", "inextensible")},
+    "paper-deformer": {f"hair.deformer.{name}" for name in ("kind", "history", "turn", "inextensible")},
     "pose": {"hair.deformer.signals"},
     "no-acceleration": {"hair.deformer.acceleration"},
     "no-gravity": {"hair.deformer.gravity"},
     "no-turn": {"hair.deformer.turn"},
-    "no-guides": {"hair.deformer.guides"},
     "no-elastic": {"training.weights.elastic"},
     "stretching": {"hair.deformer.inextensible"},
     "no-film": {"hair.deformer.film"},

@@ -40,7 +40,6 @@ MOTION_KINDS: tuple[dict[str, Any], ...] = (
     {"knots": 3},
     {"layers": 3},
     {"kind": "modal"},
-    {"kind": "modal", "guides": 6},
     {"kind": "modal", "turn": True},
     {"inextensible": True},
 )

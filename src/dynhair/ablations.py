@@ -13,7 +13,6 @@ AblationName = Literal[
     "no-acceleration",
     "no-gravity",
     "no-turn",
-    "no-guides",
     "no-elastic",
     "stretching",
     "no-film",
@@ -25,13 +24,13 @@ AblationName = Literal[
     "head-collision",
     "no-reach",
 ]
-"""``paper-deformer`` has the paper's network, and strands that stretch, where hair swings in modes; ``pose``,
-``no-film`` and ``mlp-encoder`` are of parts of that network, which modes have not. With ``no-turn`` modes do not see
-how the head has turned since rest, which the paper's network never sees; with ``no-guides`` a network alone has their
-shapes. ``stretching`` lets strands stretch that otherwise keep their lengths, held back by the elastic term as the
-paper's are; ``no-elastic`` leaves that term out where there is one. ``pose`` gives the deformer the head's pose for
-its velocities, ``rigid`` takes away the non-rigid deformation, and ``head-collision`` keeps strands out of the head
-alone, as the paper does. ``no-reach`` leaves out a term that the paper does not have."""
+"""``paper-deformer`` has the paper's network, and strands that stretch, where hair swings in modes; ``pose``, ``no-
+film`` and ``mlp-encoder`` are of parts of that network, which modes have not. With ``no-turn`` modes do not see how the
+head has turned since rest, which the paper's network never sees. ``stretching`` lets strands stretch that otherwise
+keep their lengths, held back by the elastic term as the paper's are; ``no-elastic`` leaves that term out where there is
+one. ``pose`` gives the deformer the head's pose for its velocities, ``rigid`` takes away the non-rigid deformation, and
+``head-collision`` keeps strands out of the head alone, as the paper does. ``no-reach`` leaves out a term that the paper
+does not have."""
 
 ABLATIONS: tuple[AblationName, ...] = get_args(AblationName)
 
@@ -53,8 +52,6 @@ def ablated(config: Config, name: AblationName | None) -> Config:
             return _with_deformer(config, gravity=False)
         case "no-turn":
             return _with_deformer(config, turn=False)
-        case "no-guides":
-            return _with_deformer(config, guides=0)
         case "stretching":
             return _with_deformer(config, inextensible=False)
         case "no-elastic" if config.hair.deformer.inextensible:

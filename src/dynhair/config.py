@@ -25,9 +25,6 @@ HISTORIES: Mapping[DeformerKind, int] = {"paper": 20, "modal": 120}
 """Frames that each looks back, if nothing else is said. The paper's are 5; with 20 its hair is better on motions that
 training did not see. Modes forget: after 120 frames even the slowest keeps 1 % of a swing, as they begin."""
 
-GUIDES = 300
-"""Guides of modal hair, if nothing else is said."""
-
 
 @dataclass(frozen=True)
 class DeformerConfig:
@@ -50,7 +47,6 @@ class DeformerConfig:
         width: size of the MLP's hidden layers.
         layers: number of the MLP's hidden layers.
         modes: number of modes.
-        guides: strands with mode shapes of their own, which all strands blend and add to the network's; none if 0.
         knots: points of a strand that the network is evaluated at, a spline in between; all points if 0. The paper's
             is 0. On a trained avatar 8 of 32 cost a quarter and differ by 2.5 % of the motion's RMS.
         inextensible: whether displacements only turn the strands' segments, which keep their lengths, and roots stay
@@ -60,7 +56,6 @@ class DeformerConfig:
     kind: DeformerKind = "paper"
     history: int = 5
     modes: int = 48
-    guides: int = 0
     signals: Literal["velocity", "pose"] = "velocity"
     acceleration: bool = True
     gravity: bool = True
@@ -234,7 +229,6 @@ class LearningRates:
     scalp_cover: float = 1e-2
     pose_correction: float = 1e-5
     modes: float = 5e-3
-    guides: float = 1e-3
 
 
 @dataclass(frozen=True)
@@ -303,11 +297,6 @@ _MEASURED = dataclasses.replace(_SUPPLEMENT, orientation=5.0, elastic=200_000.0,
 # With a training motion held out, 1,000 steps: its hair IoU was 0.757 at the default rates, 0.769 at these, and 0.766
 # at two to three times these, where the other motions gained.
 _RATES = LearningRates(deformer=3e-3, modes=1e-2)
-# With the same motion held out: hair IoU 0.788 without guides, 0.799 with 300 at this rate (training motions 0.790 and
-# 0.813), 0.795 at three times it, 0.798 with 100 at twice it, 0.799 with 1,000, and 0.797 with all strands for guides.
-_MODES = DeformerConfig(
-    "modal", HISTORIES["modal"], guides=GUIDES, turn=True, position_frequencies=3, inextensible=True
-)
 
 
 @dataclass(frozen=True)
@@ -326,7 +315,7 @@ PRESETS: Mapping[str, Config] = {
         hair=HairConfig(
             strands=600,
             points=24,
-            deformer=dataclasses.replace(_MODES, width=64, position_frequencies=6),
+            deformer=DeformerConfig("modal", HISTORIES["modal"], width=64, turn=True, inextensible=True),
         ),
         static=StaticConfig(encoder_iterations=20, style_generations=8, iterations=250),
         mesh=MeshHeadConfig(resolution=32, iterations=150),
@@ -342,14 +331,19 @@ PRESETS: Mapping[str, Config] = {
         ),
     ),
     "small": Config(
-        hair=HairConfig(strands=3000, deformer=_MODES),
+        hair=HairConfig(
+            strands=3000,
+            deformer=DeformerConfig("modal", HISTORIES["modal"], turn=True, position_frequencies=3, inextensible=True),
+        ),
         training=TrainingConfig(iterations=12_000, checkpoint_every=1000, weights=_MEASURED, rates=_RATES),
     ),
     "medium": Config(
         hair=HairConfig(
             strands=5000,
             points=40,
-            deformer=dataclasses.replace(_MODES, knots=12),
+            deformer=DeformerConfig(
+                "modal", HISTORIES["modal"], turn=True, position_frequencies=3, knots=12, inextensible=True
+            ),
         ),
         static=StaticConfig(encoder_iterations=400, iterations=4000, views=4, weights=StaticWeights(perceptual=0.01)),
         head=HeadConfig(
@@ -428,7 +422,7 @@ def chosen_config(
 def with_deformer(config: Config, kind: DeformerKind) -> Config:
     """A configuration with another kind of deformer, which looks as far back as is good for that one.
 
-    The paper's also stretches strands and does not see the head's turn since rest, as in the paper, and has no guides.
+    The paper's also stretches strands and does not see the head's turn since rest, as in the paper.
     """
     if kind == config.hair.deformer.kind:
         return config
@@ -436,7 +430,6 @@ def with_deformer(config: Config, kind: DeformerKind) -> Config:
         config.hair.deformer,
         kind=kind,
         history=HISTORIES[kind],
-        guides=GUIDES if kind == "modal" else 0,
         turn=kind == "modal",
         inextensible=kind == "modal",
     )

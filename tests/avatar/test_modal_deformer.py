@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -59,10 +57,8 @@ def test_an_oscillator_moves_exactly_under_a_force_held_from_frame_to_frame(
     assert found.item() == pytest.approx(state[0], abs=1e-9)
 
 
-@pytest.mark.parametrize("guides", [0, 4, 9])
-def test_displacements_are_mode_shapes_times_amplitudes(guides: int) -> None:
-    config = replace(CONFIG, guides=guides)
-    deformer, window = lively(ModalDeformer(canonical(), config).double()), windows(1, 13)
+def test_displacements_are_mode_shapes_times_amplitudes() -> None:
+    deformer, window = lively(ModalDeformer(canonical(), CONFIG).double()), windows(1, 13)
     omega = window[0, :, :3]
     products = torch.stack([omega[:, i] * omega[:, j] for i in range(3) for j in range(i, 3)], 1)
     forces = torch.cat([window[0], products], 1) @ deformer.forces.weight.T
@@ -72,11 +68,6 @@ def test_displacements_are_mode_shapes_times_amplitudes(guides: int) -> None:
         assert isinstance(layer, torch.nn.Linear)
         hidden = functional.leaky_relu(layer(hidden))
     shapes = deformer.shapes(hidden).view(-1, 3, CONFIG.modes)
-    if guides:
-        blend = deformer.guides
-        each = deformer.guide_shapes.view(-1, 3, 3, CONFIG.modes)  # guide, knot, axis, mode
-        guided = torch.einsum("nj,njkcm->kncm", blend.weights, each[blend.nearest])
-        shapes = shapes + guided.flatten(0, 1)
     at_knots = (shapes @ amplitudes).view(3, 5, 3)
     along = torch.einsum("lk,knc->nlc", deformer.spline.double(), at_knots)
     expected = DISPLACEMENT_UNIT * deformer.root_attenuation[:, None] * along
@@ -112,16 +103,8 @@ def test_a_shorter_past_is_a_past_at_rest() -> None:
     torch.testing.assert_close(deformer(padded), deformer(window))
 
 
-def test_guides_begin_at_nothing() -> None:
-    deformer = ModalDeformer(canonical(), replace(CONFIG, guides=3))
-    assert deformer.guide_shapes.shape[0] == 3
-    assert not deformer.guide_shapes.any()
-    assert deformer.parameters_by_rate()["guides"] == [deformer.guide_shapes]
-
-
 def test_gradients_reach_every_parameter_and_are_right() -> None:
-    config = replace(CONFIG, guides=2)
-    deformer, window = lively(ModalDeformer(canonical(2, 4), config).double()), windows(1, 5)[0]
+    deformer, window = lively(ModalDeformer(canonical(2, 4), CONFIG).double()), windows(1, 5)[0]
     deformer(window).square().sum().backward()
     for name, parameter in deformer.named_parameters():
         assert parameter.grad is not None, name

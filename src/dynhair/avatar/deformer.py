@@ -73,17 +73,13 @@ class HairDeformer(PointNetwork):
         """Its parameters under the names of their :class:`~dynhair.config.LearningRates`."""
         return {"deformer": list(self.parameters())}
 
-    def at_knots(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, "k 3"]:
-        """Displacements of all knots under one embedding, in `DISPLACEMENT_UNIT`, before they are attenuated."""
-        return evaluate_chunked(self.code, self.layers(embedding), self.dtype)
-
     def forward(self, window: Float[Tensor, "t c"]) -> Float[Tensor, "n l 3"]:
         """Displacements, metres, in the head frame.
 
         Args:
             window: normalised conditions of the frames ``t - T .. t``, oldest first.
         """
-        at_knots = self.at_knots(self.embedding(window))
+        at_knots = evaluate_chunked(self.code, self.layers(self.embedding(window)), self.dtype)
         attenuated = (DISPLACEMENT_UNIT * self.root_attenuation)[:, None] * self.spline
         return (attenuated @ at_knots.view(self.spline.shape[1], -1)).view(self.points, -1, 3).transpose(0, 1)
 

@@ -65,11 +65,7 @@ class FrozenHair(Hair):
         """What the network says of all knots."""
         assert isinstance(self.deformer, HairDeformer)
         layers = self.deformer.layers(embedding)
-        network = FrozenLayers([layer.weight for layer in layers])
-        at_knots = network([layer.bias for layer in layers], self.deformer.code)
-        if isinstance(self.deformer, ModalDeformer):
-            return self.deformer.with_guides(at_knots, embedding)
-        return at_knots
+        return FrozenLayers([layer.weight for layer in layers])([layer.bias for layer in layers], self.deformer.code)
 
 
 class FrozenHead(Head):

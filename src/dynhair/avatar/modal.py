@@ -17,8 +17,6 @@ from torch import Tensor, nn
 
 from dynhair.avatar.chunked import PointLayer
 from dynhair.avatar.deformer import HairDeformer
-from dynhair.avatar.guides import GuideBlend
-from dynhair.avatar.splines import evenly_spaced
 from dynhair.config import DeformerConfig
 from dynhair.motion import signal_names
 
@@ -78,9 +76,7 @@ class ModalDeformer(HairDeformer):
     The forces on the modes are linear in angular acceleration, angular velocity, its products in pairs (centrifugal
     forces), and gravity less the head's own acceleration, counted from rest. Mode shapes come from a network of a
     point's encoded canonical position and place along the strand; as they enter linearly, the modes fold into its last
-    layer, and it costs as much as a network of one displacement. What a lock does that its neighbours do not, such a
-    network learns last; guide strands may have shapes of their own, which begin at nothing and which all strands blend
-    and add.
+    layer, and it costs as much as a network of one displacement.
 
     Args:
         canonical: canonical strands in the head frame, metres.
@@ -100,17 +96,11 @@ class ModalDeformer(HairDeformer):
         self.shapes = nn.Linear(sizes[-1], 3 * config.modes)
         nn.init.normal_(self.shapes.weight, std=1e-2)  # the hair hardly moves at first
         nn.init.zeros_(self.shapes.bias)
-        if config.guides:
-            knots = canonical[:, evenly_spaced(self.points, config.knots)]
-            self.guides = GuideBlend(knots, config.guides)
-            self.guide_shapes = nn.Parameter(canonical.new_zeros(self.guides.count, 3 * knots.shape[1], config.modes))
 
     def parameters_by_rate(self) -> dict[str, list[nn.Parameter]]:
-        """As :meth:`HairDeformer.parameters_by_rate`: oscillators learn faster than the rest, guides slower."""
-        apart = ("oscillators.", "guide_shapes")
-        rest = [parameter for name, parameter in self.named_parameters() if not name.startswith(apart)]
-        guides = [self.guide_shapes] if self.config.guides else []
-        return {"modes": list(self.oscillators.parameters()), "deformer": rest, "guides": guides}
+        """As :meth:`HairDeformer.parameters_by_rate`: the oscillators learn faster than the rest."""
+        rest = [parameter for name, parameter in self.named_parameters() if not name.startswith("oscillators.")]
+        return {"modes": list(self.oscillators.parameters()), "deformer": rest}
 
     def embedding(self, window: Float[Tensor, "t c"]) -> Float[Tensor, " modes"]:
         """The modes' amplitudes at the end of a window."""
@@ -122,14 +112,3 @@ class ModalDeformer(HairDeformer):
         hidden = [PointLayer(layer.weight, layer.bias) for layer in self.mlp if isinstance(layer, nn.Linear)]
         weight, bias = (part.unflatten(0, (3, -1)) for part in (self.shapes.weight, self.shapes.bias))
         return [*hidden, PointLayer(torch.einsum("cmh,m->ch", weight, embedding), bias @ embedding)]
-
-    def at_knots(self, embedding: Float[Tensor, " modes"]) -> Float[Tensor, "k 3"]:
-        """As :meth:`HairDeformer.at_knots`, with what the guides add."""
-        return self.with_guides(super().at_knots(embedding), embedding)
-
-    def with_guides(self, at_knots: Float[Tensor, "k 3"], embedding: Float[Tensor, " modes"]) -> Float[Tensor, "k 3"]:
-        """What the network says of all knots, and what the guides add to it."""
-        if not self.config.guides:
-            return at_knots
-        blended = self.guides(self.guide_shapes @ embedding)
-        return at_knots + blended.view(self.strands, -1, 3).transpose(0, 1).reshape_as(at_knots)

@@ -29,7 +29,6 @@ LABELS: Mapping[str, str] = {
     "no-acceleration": "w/o acceleration",
     "no-gravity": "w/o gravity",
     "no-turn": "w/o turn",
-    "no-guides": "w/o guides",
     "no-elastic": "w/o elastic term",
     "stretching": "w/ strands that stretch",
     "no-film": "w/o FiLM",
