@@ -195,6 +195,9 @@ def test_other_peoples_motions_have_a_table_and_a_video(tmp_path: Path) -> None:
     assert "driver" not in page.text[: -len(shown)]
     table = (tmp_path / "out" / "tables" / "baselines_driven_long-driven-by-curly.csv").read_text()
     assert "2.5" in table
+    markdown = (tmp_path / "out" / "tables" / "baselines_driven_long-driven-by-curly.md").read_text()
+    assert "1.50" in markdown
+    assert "**1.50" not in markdown  # the lowest is not the best where nothing is true
     assert any(link.startswith("data:video/mp4") for link in page.links)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from dynhair.report.comparison import TableName
@@ -168,7 +168,12 @@ SETTLING = Column("settling_s", "settling, s", "time to settle", Goal.TRUTH, 2, 
 TABLE_DRIVEN = Layout(
     "driven",
     "Motion of the hair",
-    (Group("Motion", (VELOCITY, ACCELERATION, SETTLING)), PHYSICS, STRANDS),
+    (
+        Group("Motion", (VELOCITY, ACCELERATION, SETTLING)),
+        # beside nothing true the lowest, which are those of rigid hair, say nothing
+        Group(PHYSICS.heading, tuple(replace(column, without_truth=Goal.NONE) for column in PHYSICS.columns)),
+        STRANDS,
+    ),
 )
 TABLE_MOTION = Layout(
     "motion",
