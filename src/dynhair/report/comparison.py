@@ -196,10 +196,8 @@ def _row(raw: object, folder: Path, file: Path) -> Row:
         raise DynhairError(f"row '{name}' lies at '{place}'", path=file, expected="a folder inside the comparison's")
     error, metrics = str(raw.get("error") or ""), {}
     if state == "done":
-        try:
-            metrics = read_json(folder / place / "evaluation" / "metrics.json")
-        except DynhairError as damage:
-            state, error = "failed", f"its evaluation cannot be read: {place}/evaluation/metrics.json: {damage.message}"
+        metrics, damage = _figures(folder, f"{place}/evaluation")
+        state, error = ("failed", damage) if damage else (state, error)
     return Row(
         name=name,
         label=_text(raw, "label", file),
@@ -220,11 +218,16 @@ def _driven(row: Row, place: str) -> Row:
         return apart
     if not (apart.evaluation / "metrics.json").exists():
         return replace(apart, state="pending")
+    metrics, damage = _figures(row.folder, place)
+    return replace(apart, state="failed", error=damage) if damage else replace(apart, metrics=metrics)
+
+
+def _figures(folder: Path, place: str) -> tuple[Mapping[str, Any], str]:
+    """What an evaluation inside a folder wrote, and why it cannot be read; one of them is empty."""
     try:
-        return replace(apart, metrics=read_json(apart.evaluation / "metrics.json"))
+        return read_json(folder / place / "metrics.json"), ""
     except DynhairError as damage:
-        error = f"its evaluation cannot be read: {place}/metrics.json: {damage.message}"
-        return replace(apart, state="failed", error=error)
+        return {}, f"its evaluation cannot be read: {place}/metrics.json: {damage.message}"
 
 
 def _drivers(raw: Mapping[str, Any], file: Path) -> tuple[str, ...]:
