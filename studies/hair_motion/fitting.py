@@ -1,4 +1,4 @@
-"""The study's rows: deformers fitted to the true displacements of guide strands."""
+"""The study's rows: deformers and dynamics fitted to the true displacements of guide strands."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import torch
 from jaxtyping import Float
 from studies.hair_motion.motions import FRAMES
 from studies.hair_motion.recordings import Recorded, mean_explained, mirrored
+from studies.hair_motion.strand_dynamics import STEPS as DYNAMICS_STEPS
+from studies.hair_motion.strand_dynamics import Dynamics, fitted_dynamics
 from studies.hair_motion.whole_motions import modal_amplitudes, modal_shapes, paper_batch, turned
 from torch import Tensor, nn
 
@@ -61,7 +63,7 @@ class Row:
     mirror: bool = False
 
 
-ROWS = {
+ROWS: dict[str, Row | Dynamics] = {
     "paper T=5": Row(replace(PAPER, history=5)),
     "paper T=20": Row(replace(PAPER, history=20)),
     "paper T=45": Row(replace(PAPER, history=45)),
@@ -76,6 +78,7 @@ ROWS = {
     "24 modes, fixed units, noise, turns": Row(MODES, turns=True, fixed=True, noise=NOISE),
     "24 modes, fixed units, noise, turns, torso": Row(MODES, turns=True, torso=True, fixed=True, noise=NOISE),
     "24 modes, all and mirrored": Row(MODES, turns=True, torso=True, fixed=True, noise=NOISE, mirror=True),
+    "strand dynamics": Dynamics(),
 }
 
 Predictor = Callable[[Recorded], Float[Tensor, "f n k 3"]]
@@ -86,13 +89,13 @@ def thinned(motion: Recorded, every: int = EVERY) -> Recorded:
     return replace(motion, canonical=motion.canonical[::every], displacements=motion.displacements[:, ::every])
 
 
-def fitted(row: Row, motions: Sequence[Recorded], seed: int = 0, steps: int | None = None) -> Predictor:
-    """Fit a deformer to motions of the same hair.
+def fitted(row: Row | Dynamics, motions: Sequence[Recorded], seed: int = 0, steps: int | None = None) -> Predictor:
+    """Fit a deformer, or dynamics of strands, to motions of the same hair.
 
     The loss is the mean distance from the true points, in which what is explained is measured.
 
     Args:
-        row: which deformer.
+        row: which.
         motions: to learn from.
         seed: of weights and batches.
         steps: of the optimiser; by default as many as the study takes.
@@ -106,6 +109,8 @@ def fitted(row: Row, motions: Sequence[Recorded], seed: int = 0, steps: int | No
     if not motions:
         raise DynhairError("no motion to learn from", expected="one or more")
     torch.manual_seed(seed)
+    if isinstance(row, Dynamics):
+        return fitted_dynamics(row, motions, DYNAMICS_STEPS if steps is None else steps)
     kind = row.config.kind
     learned = [*motions, *(mirrored(motion) for motion in motions)] if row.mirror else list(motions)
     normalizer = SignalNormalizer.fit([motion.signals for motion in learned], row.config)
