@@ -13,6 +13,7 @@ from studies.hair_motion.grooms import GROOMS
 from studies.hair_motion.motions import ELEVEN, MORE, UNSEEN
 from studies.hair_motion.recordings import Recorded, explained, recorded
 from studies.hair_motion.simulation import simulated
+from studies.hair_motion.strand_dynamics import Dynamics
 
 from dynhair.errors import DynhairError
 from dynhair.progress import StageProgress
@@ -111,9 +112,12 @@ def results(folder: Path) -> Iterator[dict[str, object]]:
 
 
 def _result(folder: Path, job: Job) -> dict[str, object]:
-    motions = _thinned(folder, job.groom, LEARNED[: job.motions])
+    row, learned = ROWS[job.row], LEARNED[: job.motions]
+    motions = _thinned(folder, job.groom, learned)
     started = time.process_time()
-    predictor = fitted(ROWS[job.row], motions, job.seed)
+    # to dynamics each strand is one more example; a deformer belongs to its strands
+    whole = [_recorded(folder, job.groom, name) for name in learned] if isinstance(row, Dynamics) else motions
+    predictor = fitted(row, whole, job.seed)
     seconds = time.process_time() - started
     held_out = [name for name in MORE if name not in LEARNED[: job.motions]]
     validation = [name for name in held_out if (folder / "simulated" / job.groom / f"{name}.npz").exists()]
@@ -132,4 +136,8 @@ def _result(folder: Path, job: Job) -> dict[str, object]:
 
 
 def _thinned(folder: Path, groom: str, names: Sequence[str]) -> list[Recorded]:
-    return [thinned(recorded(folder / "simulated" / groom / f"{name}.npz")) for name in names]
+    return [thinned(_recorded(folder, groom, name)) for name in names]
+
+
+def _recorded(folder: Path, groom: str, name: str) -> Recorded:
+    return recorded(folder / "simulated" / groom / f"{name}.npz")

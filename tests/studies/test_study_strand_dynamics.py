@@ -13,6 +13,7 @@ from made_motions import made_motion
 from scipy.spatial.transform import Rotation
 from studies.hair_motion.fitting import fitted, score
 from studies.hair_motion.motions import FPS
+from studies.hair_motion.recordings import Recorded
 from studies.hair_motion.strand_dynamics import (
     ALPHA,
     OMEGA,
@@ -74,12 +75,11 @@ def _double(head: HeadMotions) -> HeadMotions:
     return HeadMotions(*(getattr(head, name).double() for name in ("omega", "alpha", "rotation", "weight")))
 
 
-def _written_out(network: StrandDynamics, motion: object, number: int, frames: int) -> torch.Tensor:
+def _written_out(network: StrandDynamics, motion: Recorded, number: int, frames: int) -> torch.Tensor:
     """One strand's displacements, point by point and force by force."""
-    signals, hair = motion.signals, motion.canonical.double()  # pyright: ignore[reportAttributeAccessIssue]
-    rest = hair[number]
+    signals, rest = motion.signals, motion.canonical[number].double()
     placed, velocity = torch.zeros_like(rest), torch.zeros_like(rest)
-    lies = torch.cat([((rest - hair.mean((0, 1))) / REST_UNIT).flatten(), _encoded(rest[0] / ROOT_UNIT)])
+    lies = torch.cat([((rest - network.neck) / REST_UNIT).flatten(), _encoded((rest[0] - network.neck) / ROOT_UNIT)])
     said = [placed]
     for frame in range(1, frames):
         omega, alpha = signals.omega[frame].double(), signals.alpha[frame].double()
