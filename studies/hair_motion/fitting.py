@@ -21,7 +21,7 @@ from dynhair.motion import MotionSignals, SignalNormalizer, motion_window
 from dynhair.strands import with_lengths
 
 EVERY = 4
-"""Of so many guides one is fitted and measured: neighbours move alike."""
+"""Of so many guides one is measured, and deformers are fitted to it: neighbours move alike."""
 
 STEPS = {"paper": 1000, "modal": 400}
 RATES = {"paper": 1e-3, "modal": 5e-3}

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from dynhair.avatar.encoding import encoded_size, positional_encoding
-from dynhair.motion import so3_exp
+from dynhair.motion import cross_matrix, so3_exp
 
 STEPS, RATE, BATCH = 3000, 2e-3, 6
 WEIGHT_DECAY = 1e-2
@@ -183,8 +183,8 @@ def inertial_pull(
         What takes a place, from the frame's origin, to m/s^2 (centrifugal and Euler), and what takes a velocity in the
         frame there (Coriolis).
     """
-    spin = _cross(omega)
-    return -_cross(alpha) - spin @ spin, -2 * spin
+    spin = cross_matrix(omega)
+    return -cross_matrix(alpha) - spin @ spin, -2 * spin
 
 
 def fitted_dynamics(
@@ -234,10 +234,3 @@ def _loss(network: StrandDynamics, batch: Sequence[Recorded], noise: float, wind
     start = (true[:, first], true[:, first] - true[:, first - 1]) if first else None
     head = HeadMotions.of(batch, piece)
     return (network(canonical, head, start, noise) - true[:, piece]).norm(dim=-1).mean()
-
-
-def _cross(vectors: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3 3"]:
-    """Matrices that take the cross product with vectors."""
-    x, y, z = vectors.unbind(-1)
-    none = torch.zeros_like(x)
-    return torch.stack([none, -z, y, z, none, -x, -y, x, none], -1).unflatten(-1, (3, 3))

@@ -113,11 +113,11 @@ def results(folder: Path) -> Iterator[dict[str, object]]:
 
 def _result(folder: Path, job: Job) -> dict[str, object]:
     row, learned = ROWS[job.row], LEARNED[: job.motions]
-    motions = _thinned(folder, job.groom, learned)
+    whole = [_recorded(folder, job.groom, name) for name in learned]
+    motions = [thinned(motion) for motion in whole]
     started = time.process_time()
     # to dynamics each strand is one more example; a deformer belongs to its strands
-    whole = [_recorded(folder, job.groom, name) for name in learned] if isinstance(row, Dynamics) else motions
-    predictor = fitted(row, whole, job.seed)
+    predictor = fitted(row, whole if isinstance(row, Dynamics) else motions, job.seed)
     seconds = time.process_time() - started
     held_out = [name for name in MORE if name not in LEARNED[: job.motions]]
     validation = [name for name in held_out if (folder / "simulated" / job.groom / f"{name}.npz").exists()]

@@ -2,7 +2,7 @@
 
 from dynhair.motion.normalization import HeadAtRest, SignalNormalizer, signal_names
 from dynhair.motion.rest_alignment import RestAlignment
-from dynhair.motion.rotations import so3_exp, so3_log
+from dynhair.motion.rotations import cross_matrix, so3_exp, so3_log
 from dynhair.motion.signals import MotionSignals, motion_signals
 from dynhair.motion.windows import motion_window
 
@@ -11,6 +11,7 @@ __all__ = [
     "MotionSignals",
     "RestAlignment",
     "SignalNormalizer",
+    "cross_matrix",
     "motion_signals",
     "motion_window",
     "signal_names",

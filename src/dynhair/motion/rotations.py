@@ -7,12 +7,17 @@ from jaxtyping import Float
 from torch import Tensor
 
 
+def cross_matrix(vectors: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3 3"]:
+    """Matrices that take the cross product with vectors: ``cross_matrix(v) @ x = v x x``."""
+    x, y, z = vectors.unbind(-1)
+    zero = torch.zeros_like(x)
+    return torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=-1).unflatten(-1, (3, 3))
+
+
 def so3_exp(rotation_vectors: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3 3"]:
     """Rotation vectors (axis times angle, radians) to rotation matrices, by Rodrigues' formula."""
     angle = torch.linalg.vector_norm(rotation_vectors, dim=-1)[..., None, None]
-    x, y, z = rotation_vectors.unbind(-1)
-    zero = torch.zeros_like(x)
-    cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=-1).unflatten(-1, (3, 3))
+    cross = cross_matrix(rotation_vectors)
     # sin(a) / a and (1 - cos(a)) / a^2 as sinc functions: exact at a = 0, without a branch.
     linear = torch.sinc(angle / torch.pi)
     quadratic = 0.5 * torch.sinc(angle / (2 * torch.pi)) ** 2
