@@ -12,6 +12,8 @@ from dynhair.config import preset, with_deformer
 
 CHANGES: dict[str, set[str]] = {
     "paper-deformer": {f"hair.deformer.{name}" for name in ("kind", "history", "turn", "inextensible")},
+    "modal-deformer": {"hair.deformer.kind"},
+    "untaught": {"hair.deformer.taught"},
     "pose": {"hair.deformer.signals"},
     "no-acceleration": {"hair.deformer.acceleration"},
     "no-gravity": {"hair.deformer.gravity"},
@@ -45,14 +47,19 @@ OF_THE_PAPERS_DEFORMER = ("pose", "no-film", "mlp-encoder", "no-elastic")
 
 @pytest.mark.parametrize("name", ABLATIONS)
 def test_an_ablation_changes_what_it_says(name: AblationName) -> None:
-    base = with_deformer(preset("small"), "paper") if name in OF_THE_PAPERS_DEFORMER else preset("small")
+    base = with_deformer(preset("small"), "paper" if name in OF_THE_PAPERS_DEFORMER else "strands")
     full, without = (flat(dataclasses.asdict(config)) for config in (base, ablated(base, name)))
     assert {setting for setting in full if full[setting] != without[setting]} == CHANGES[name]
 
 
 @pytest.mark.parametrize("name", OF_THE_PAPERS_DEFORMER)
-def test_modal_hair_has_no_part_of_the_papers_deformer(name: AblationName) -> None:
+def test_other_hair_has_no_part_of_the_papers_deformer(name: AblationName) -> None:
     assert ablated(preset("small"), name) == preset("small")
+
+
+def test_only_dynamics_are_taught() -> None:
+    base = with_deformer(preset("small"), "modal")
+    assert ablated(base, "untaught") == base
 
 
 def test_every_ablation_is_known() -> None:

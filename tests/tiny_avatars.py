@@ -41,6 +41,7 @@ MOTION_KINDS: tuple[dict[str, Any], ...] = (
     {"layers": 3},
     {"kind": "modal"},
     {"kind": "modal", "turn": True},
+    {"kind": "strands", "history": 12, "guides": 5, "turn": True, "inextensible": True},
     {"inextensible": True},
 )
 """Changes of :data:`SMALL` that give hair each way to move."""

@@ -9,6 +9,8 @@ from dynhair.config import Config, with_deformer
 
 AblationName = Literal[
     "paper-deformer",
+    "modal-deformer",
+    "untaught",
     "pose",
     "no-acceleration",
     "no-gravity",
@@ -24,9 +26,10 @@ AblationName = Literal[
     "head-collision",
     "no-reach",
 ]
-"""``paper-deformer`` has the paper's network, and strands that stretch, where hair swings in modes; ``pose``, ``no-
-film`` and ``mlp-encoder`` are of parts of that network, which modes have not. With ``no-turn`` modes do not see how the
-head has turned since rest, which the paper's network never sees. ``stretching`` lets strands stretch that otherwise
+"""``paper-deformer`` has the paper's network, and strands that stretch, and ``modal-deformer`` modes, in the place of
+dynamics of strands, which know nothing from simulated hair if they are ``untaught``; ``pose``, ``no-film`` and ``mlp-
+encoder`` are of parts of the paper's network, which the others have not. With ``no-turn`` these do not see how the head
+has turned since rest, which the paper's network never sees. ``stretching`` lets strands stretch that otherwise
 keep their lengths, held back by the elastic term as the paper's are; ``no-elastic`` leaves that term out where there is
 one. ``pose`` gives the deformer the head's pose for its velocities, ``rigid`` takes away the non-rigid deformation, and
 ``head-collision`` keeps strands out of the head alone, as the paper does. ``no-reach`` leaves out a term that the paper
@@ -42,7 +45,13 @@ def ablated(config: Config, name: AblationName | None) -> Config:
             return config
         case "paper-deformer":
             return with_deformer(config, "paper")
-        case "pose" | "no-film" | "mlp-encoder" if config.hair.deformer.kind == "modal":
+        case "modal-deformer":
+            return with_deformer(config, "modal")
+        case "untaught" if config.hair.deformer.kind != "strands":
+            return config
+        case "untaught":
+            return _with_deformer(config, taught=False)
+        case "pose" | "no-film" | "mlp-encoder" if config.hair.deformer.kind != "paper":
             return config
         case "pose":
             return _with_deformer(config, signals="pose")

@@ -152,8 +152,9 @@ def train(
             starts from), dynamic the moving avatar with all that it needs. After one of them --resume goes on.
         hair_init: A groom (.hair, .data, .ply, .npz, .abc, .usd) to start the canonical hair from, in the place of
             the strand prior's guess.
-        deformer: What moves the hair: modal hair swings in learned damped modes, paper's is a network that hears the
-            last frames of motion; the preset's by default, modal in all but paper.
+        deformer: What moves the hair: strands move by learned dynamics, modal hair swings in learned damped modes,
+            paper's is a network that hears the last frames of motion; the preset's by default, which is strands in all
+            but paper.
         ablation: Leave one part of the method out, as the paper's tables do.
         resume: Go on with the run in OUT, with its own configuration.
     """

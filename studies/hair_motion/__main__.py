@@ -18,7 +18,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # before torch starts its t
 import torch
 from rich.console import Console
 from studies.hair_motion.fitting import ROWS
-from studies.hair_motion.grooms import GROOMS
+from studies.hair_motion.grooms import GROOMS, STUDIED
 from studies.hair_motion.pages import write_page
 from studies.hair_motion.study import fit_all, jobs, simulate_all
 
@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run what is asked for; 2 where that is impossible."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="folder of simulations, results, tables and plots")
-    parser.add_argument("--grooms", nargs="+", default=list(GROOMS), metavar="GROOM", help=", ".join(GROOMS))
+    parser.add_argument("--grooms", nargs="+", default=list(STUDIED), metavar="GROOM", help=", ".join(GROOMS))
     parser.add_argument("--rows", nargs="+", default=list(ROWS), metavar="ROW", help="; ".join(ROWS))
     parser.add_argument("--counts", nargs="+", type=int, default=COUNTS, metavar="N", help="motions to learn from")
     parser.add_argument("--seeds", type=int, default=3)

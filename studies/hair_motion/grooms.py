@@ -67,8 +67,33 @@ GROOMS = {
         ),
         Material(mass=0.25, bending=4.0),
     ),
+    "shoulders": Groom(
+        Style(seed=3, length=0.46, hem=0.19, parting=0.0, sweep=0.8, fall=0.1, thickness=0.016, front=0.2),
+        Material(mass=0.3, bending=2.0),
+    ),
+    "bob": Groom(
+        Style(seed=4, length=0.3, hem=0.09, parting=0.25, sweep=0.6, thickness=0.02, front=0.15),
+        Material(mass=0.3, bending=5.0),
+    ),
+    "loose": Groom(
+        Style(
+            seed=5,
+            length=0.55,
+            hem=0.28,
+            parting=-0.15,
+            sweep=1.2,
+            thickness=0.016,
+            front=0.3,
+            wave_amplitude=0.004,
+            wave_length=0.12,
+        ),
+        Material(mass=0.25, bending=1.0, air=1.0),
+    ),
 }
-"""Straight hair to below the shoulders, and shorter wavy hair that is four times as stiff."""
+"""What hair is taught by: from a stiff bob to loose hair that hardly feels the air."""
+
+STUDIED = ("long", "wavy")
+"""Rows are compared on straight hair to below the shoulders, and shorter wavy hair that is four times as stiff."""
 
 
 @dataclass(frozen=True)

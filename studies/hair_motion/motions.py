@@ -25,6 +25,11 @@ MORE = tuple(f"random{number}" for number in range(11, 40))
 UNSEEN = ("stop", "random5", "random6", "random7", "nod-stop", "tilt-stop")
 """Never learned from, and no choice depends on them."""
 
+HALTS = tuple(f"halt{number}" for number in range(1, 13))
+"""Random motions that halt, rest, turn back and rest again: what hair does when nothing pulls at it any more."""
+
+HALTING_FRAMES = 165
+
 YAW, PITCH, ROLL = 34.0, 15.0, 14.0
 """Degrees that a random motion reaches about each axis, roughly."""
 
@@ -44,16 +49,23 @@ class HeadMotion:
     sway: Float64[np.ndarray, "f 3"]
 
 
-def head_motion(name: str, frames: int = FRAMES) -> HeadMotion:
+def head_motion(name: str, frames: int | None = None) -> HeadMotion:
     """A motion by name, which begins at rest at the world's origin.
 
-    ``randomN`` is a sum of sines about all axes; above ten, tempo and size are drawn as well.
+    ``randomN`` is a sum of sines about all axes; above ten, tempo and size are drawn as well. ``haltN`` is one that
+    halts.
+
+    Args:
+        name: of the motion.
+        frames: how many; by default, `HALTING_FRAMES` of a halt and `FRAMES` of another.
 
     Raises:
         DynhairError: there is no such motion.
     """
-    times = np.arange(frames) / FPS
-    angles, sway = _random(name, times) if name.startswith("random") else _named(name, times)
+    halts = name.startswith("halt")
+    times = np.arange(frames or (HALTING_FRAMES if halts else FRAMES)) / FPS
+    kind = _halting if halts else _random if name.startswith("random") else _named
+    angles, sway = kind(name, times)
     # about y, then x, then z: turning within a nod within a tilt
     rotations = Rotation.from_euler("YXZ", angles, degrees=True).as_matrix()
     return HeadMotion(rotations, PIVOT - rotations @ PIVOT + sway, sway)
@@ -87,7 +99,7 @@ def _named(name: str, t: Float64[np.ndarray, " f"]) -> tuple[np.ndarray, np.ndar
         "tilt-stop": (0.3 * stopped, still, 0.45 * stopped),
     }
     if name not in columns:
-        raise DynhairError(f"no motion is called `{name}`", expected=" or ".join((*ELEVEN, *MORE, *UNSEEN)))
+        raise DynhairError(f"no motion is called `{name}`", expected=" or ".join((*ELEVEN, *MORE, *HALTS, *UNSEEN)))
     sway = np.zeros((len(t), 3))
     if name == "lateral":
         sway[:, 0] = swing(0.07, 0.8)
@@ -99,6 +111,18 @@ def _jolt(t: Float64[np.ndarray, " f"], number: int) -> np.ndarray:
     start = 0.2 + number
     there, back = smooth_step(t, start, start + 0.16), smooth_step(t, start + 0.45, start + 0.75)
     return (-1) ** number * 38 * (there - back)
+
+
+def _halting(name: str, t: Float64[np.ndarray, " f"]) -> tuple[np.ndarray, np.ndarray]:
+    """A random motion whose clock halts after a second or two, within a tenth of a second to half of one."""
+    number = name.removeprefix("halt")
+    if not number.isdecimal():
+        raise DynhairError(f"no motion is called `{name}`", expected="`halt` and a number, as halt1")
+    generator = np.random.Generator(np.random.PCG64([int(number), zlib.crc32(b"halt")]))
+    halt, within = generator.uniform([1.2, 0.1], [2.0, 0.5])
+    late = np.clip((t - halt) / within, 0, 1)
+    angles, sway = _random(f"random{1000 + int(number)}", np.minimum(t, halt) + within * (late - late**2 / 2))
+    return angles * (1 - smooth_step(t, 3.8, 4.4))[:, None], sway
 
 
 def _random(name: str, t: Float64[np.ndarray, " f"]) -> tuple[np.ndarray, np.ndarray]:

@@ -43,14 +43,19 @@ class Recorded:
     signals: MotionSignals
 
 
-def recorded(path: Path) -> Recorded:
-    """Read what `simulation.simulated` wrote; its first frame is the canonical hair."""
+def recorded(path: Path, origin: Float[np.ndarray, "3"] | None = None) -> Recorded:
+    """Read what `simulation.simulated` wrote; its first frame is the canonical hair.
+
+    Args:
+        path: of the file.
+        origin: what of the head counts as the head frame's origin for the signals, metres; that itself if None.
+    """
     with np.load(path, allow_pickle=False) as arrays:
         guides, rotations, translations = (arrays[name] for name in ("guides", "rotations", "translations"))
     hair = torch.from_numpy(guides)
     track = HeadTrack(
         rotations=rotations,
-        translations=translations,
+        translations=translations if origin is None else translations + rotations @ origin,
         expressions=np.zeros((len(rotations), 0), np.float32),
         fps=FPS,
         gravity=GRAVITY,

@@ -31,9 +31,9 @@ def test_it_is_posed_and_drawn_as_on_the_cpu(change: dict[str, Any]) -> None:
             torch.testing.assert_close(images.hair.cpu(), expected.hair, atol=2e-2, rtol=0)
 
 
-@pytest.mark.parametrize("kind", ["paper", "modal"])
+@pytest.mark.parametrize("kind", ["paper", "modal", "strands"])
 def test_gradients_are_those_of_the_cpu(kind: Any) -> None:
-    deformer = replace(SMALL, kind=kind, inextensible=kind == "modal")
+    deformer = replace(SMALL, kind=kind, inextensible=kind != "paper")
     gradients = []
     for device in ("cpu", "cuda"):
         avatar = make_avatar(deformer=deformer).to(device)

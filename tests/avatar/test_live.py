@@ -80,7 +80,11 @@ def test_sooner_it_is_the_track_so_far(frames: int, seed: int, delay: int) -> No
             assert_same(posed, AVATAR.pose(some(track, slice(frame + 1)), frame - delay))
 
 
-@pytest.mark.parametrize("change", [{"signals": "pose"}, {"kind": "modal", "turn": True}, {"encoder": "mlp"}], ids=str)
+@pytest.mark.parametrize(
+    "change",
+    [{"signals": "pose"}, {"kind": "modal", "turn": True}, {"kind": "strands", "history": 12}, {"encoder": "mlp"}],
+    ids=str,
+)
 def test_every_kind_of_hair_motion_can_be_driven(change: dict[str, str | bool]) -> None:
     track, deformer = random_track(7), replace(SMALL, **change)  # pyright: ignore[reportArgumentType]
     avatar = make_avatar(deformer=deformer).eval()

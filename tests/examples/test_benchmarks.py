@@ -16,7 +16,7 @@ from synthetic import write_synthetic_capture
 UNTRAINED = Path(__file__).parents[2] / "benchmarks" / "untrained.py"
 
 
-@pytest.mark.parametrize("kind", ["paper", "modal"])
+@pytest.mark.parametrize("kind", ["paper", "modal", "strands"])
 def test_an_untrained_avatar_moves_its_hair(kind: DeformerKind, tmp_path: Path) -> None:
     write_synthetic_capture(tmp_path / "capture", frames=4, views=2, with_gt=False)
     capture = Capture.open(tmp_path / "capture")

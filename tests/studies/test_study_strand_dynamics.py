@@ -1,130 +1,19 @@
-"""Dynamics of single strands: physics that must hold, whatever is learned, and that they learn."""
+"""Fits of strand dynamics: that they can be repeated, that they learn, and that what is taught carries over."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
 from made_motions import made_motion
-from scipy.spatial.transform import Rotation
 from studies.hair_motion.fitting import fitted, score
-from studies.hair_motion.motions import FPS
 from studies.hair_motion.recordings import Recorded
-from studies.hair_motion.strand_dynamics import (
-    ALPHA,
-    OMEGA,
-    PLACE,
-    PULL,
-    REST_UNIT,
-    ROOT_FREQUENCIES,
-    ROOT_UNIT,
-    STEP,
-    Dynamics,
-    HeadMotions,
-    StrandDynamics,
-    inertial_pull,
-)
-from torch.nn.functional import silu
+from studies.hair_motion.strand_dynamics import WINDOW, Dynamics, fit, head_motions
 
-from dynhair.avatar.encoding import positional_encoding
+from dynhair.avatar.strand_dynamics import StrandDynamics
 
 SMALL = Dynamics(hidden=24, noise=0.01)
-NECK = torch.tensor([0.01, -0.05, 0.02])
-
-
-@given(st.integers(0, 2**31))
-def test_what_moves_straight_in_the_world_is_pulled_as_it_is_seen_to_turn(seed: int) -> None:
-    generator = np.random.default_rng(seed)
-    axis, rate, growth = generator.standard_normal(3), generator.uniform(-3, 3), generator.uniform(-20, 20)
-    axis /= np.linalg.norm(axis)
-    start, velocity = generator.standard_normal((2, 3))
-    step = 1e-4
-
-    def seen(time: float) -> np.ndarray:
-        turn = Rotation.from_rotvec(axis * (rate * time + growth * time**2 / 2))
-        return turn.inv().apply(start + velocity * time)
-
-    place, speed = seen(0.0), (seen(step) - seen(-step)) / (2 * step)
-    expected = (seen(step) - 2 * place + seen(-step)) / step**2
-    by_place, by_velocity = inertial_pull(torch.from_numpy(axis * rate), torch.from_numpy(axis * growth))
-    found = by_place.numpy() @ place + by_velocity.numpy() @ speed
-    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4)
-
-
-def test_frames_are_those_of_the_network_written_out_strand_by_strand() -> None:
-    torch.manual_seed(1)
-    motions = [made_motion("turn"), made_motion("random1")]
-    network = StrandDynamics(5, 8, NECK).double()
-    with torch.no_grad():
-        for parameter in network.parameters():
-            parameter.add_(0.3 * torch.randn_like(parameter))
-    canonical = torch.stack([motion.canonical for motion in motions]).double()
-    found = network(canonical, _double(HeadMotions.of(motions, slice(0, 12))))
-    for motion, frames in zip(motions, found, strict=True):
-        for strand in range(2):
-            expected = _written_out(network, motion, strand, 12)
-            torch.testing.assert_close(frames[:, strand], expected, rtol=1e-9, atol=1e-12)
-    assert found[:, -1].abs().max() > 1e-3
-
-
-def _double(head: HeadMotions) -> HeadMotions:
-    return HeadMotions(*(getattr(head, name).double() for name in ("omega", "alpha", "rotation", "weight")))
-
-
-def _written_out(network: StrandDynamics, motion: Recorded, number: int, frames: int) -> torch.Tensor:
-    """One strand's displacements, point by point and force by force."""
-    signals, rest = motion.signals, motion.canonical[number].double()
-    placed, velocity = torch.zeros_like(rest), torch.zeros_like(rest)
-    lies = torch.cat([((rest - network.neck) / REST_UNIT).flatten(), _encoded((rest[0] - network.neck) / ROOT_UNIT)])
-    said = [placed]
-    for frame in range(1, frames):
-        omega, alpha = signals.omega[frame].double(), signals.alpha[frame].double()
-        weight = (signals.pull[frame] - signals.pull[0]).double()
-        turn = torch.from_numpy(Rotation.from_rotvec(signals.rotation[frame].double().numpy()).as_matrix())
-        seen = []
-        for point in range(len(rest)):
-            place, speed = rest[point] + placed[point], velocity[point] * FPS
-            pull = weight - torch.linalg.cross(alpha, place) - 2 * torch.linalg.cross(omega, speed)
-            pull = pull - torch.linalg.cross(omega, torch.linalg.cross(omega, place))
-            slid = turn @ (place - network.neck) + network.neck - rest[point]
-            seen += [placed[point] / PLACE, velocity[point] / STEP, pull / PULL, slid / PLACE]
-        head = torch.cat([omega / OMEGA, alpha / ALPHA, weight / PULL])
-        hidden = network.of_points(torch.cat(seen)) + network.of_rest(lies) + network.of_head(head)
-        gained = network.gain(silu(network.middle(silu(hidden)))).view(-1, 3)
-        kept = 1 - torch.sigmoid(network.loss_logit)
-        velocity = kept * velocity + STEP * network.freedom * gained
-        placed = placed + velocity
-        said.append(placed)
-    return torch.stack(said).detach()
-
-
-def _encoded(values: torch.Tensor) -> torch.Tensor:
-    return positional_encoding(values[None], ROOT_FREQUENCIES)[0]
-
-
-def test_a_motion_can_be_taken_up_in_any_frame() -> None:
-    torch.manual_seed(2)
-    motion = made_motion("random1")
-    network = StrandDynamics(5, 8, NECK)
-    with torch.no_grad():
-        for parameter in network.parameters():
-            parameter.add_(0.2 * torch.randn_like(parameter))
-        canonical = motion.canonical[None]
-        whole = network(canonical, HeadMotions.of([motion]))
-        start = (whole[:, 20], whole[:, 20] - whole[:, 19])
-        again = network(canonical, HeadMotions.of([motion], slice(20, 40)), start)
-    torch.testing.assert_close(again, whole[:, 20:40], rtol=1e-3, atol=1e-6)
-
-
-def test_before_it_has_learned_hair_rests() -> None:
-    motion = made_motion("turn")
-    network = StrandDynamics(5, 8, NECK)
-    torch.nn.init.zeros_(network.gain.weight)
-    assert not network(motion.canonical[None], HeadMotions.of([motion])).any()
 
 
 @pytest.mark.parametrize("row", [SMALL, replace(SMALL, mirror=False, noise=0.0)])
@@ -141,3 +30,24 @@ def test_strands_learn_how_strands_move() -> None:
     row, learned = Dynamics(hidden=64, noise=0.01), [made_motion("turn"), made_motion("random1")]
     assert abs(score(fitted(row, learned, steps=0), learned)) < 0.1
     assert score(fitted(row, learned, steps=150), learned) > 0.4
+
+
+def test_motions_of_different_lengths_and_hair_teach_together() -> None:
+    short, long = made_motion("turn"), made_motion("random1")
+    other = replace(long, canonical=1.1 * long.canonical)
+    cut = _first(short, 40)
+    torch.manual_seed(0)
+    network = StrandDynamics(short.canonical.shape[1], 16, short.canonical.mean((0, 1)))
+    told: list[int] = []
+    fit(network, [cut, long, other], 12, 1e-3, 0.0, told.append)
+    assert told == list(range(1, 13))
+    with torch.no_grad():
+        moved = network(long.canonical[None], head_motions([long]))
+    assert moved.abs().max() > 0
+    assert len(cut.displacements) > WINDOW
+
+
+def _first(motion: Recorded, frames: int) -> Recorded:
+    """The beginning of a motion."""
+    signals = replace(motion.signals, **{name: value[:frames] for name, value in vars(motion.signals).items()})
+    return replace(motion, displacements=motion.displacements[:frames], signals=signals)

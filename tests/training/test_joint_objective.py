@@ -15,10 +15,11 @@ from dynhair.motion import SignalNormalizer
 from dynhair.training.batches import Batches
 from dynhair.training.frames import training_segments
 from dynhair.training.head_start import start_head
-from dynhair.training.objective import JointObjective
+from dynhair.training.objective import SETTLING_EVERY, JointObjective
 from synthetic import write_synthetic_capture
 
 SETTINGS = TrainingConfig(iterations=8, image_size=48, penetration_points=10_000, perceptual_crop=32)
+DEFORMER = DeformerConfig(hidden=8, width=16, history=2, knots=0)
 
 
 @pytest.fixture(scope="module")
@@ -28,15 +29,20 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Capture:
 
 
 def make_objective(
-    capture: Capture, settings: TrainingConfig, perceptual: PerceptualDistance | None = None, *, along: float = 0.05
+    capture: Capture,
+    settings: TrainingConfig,
+    perceptual: PerceptualDistance | None = None,
+    *,
+    along: float = 0.05,
+    deformer: DeformerConfig = DEFORMER,
 ) -> JointObjective:
     torch.manual_seed(0)
     head = HeadConfig(gaussians=600, mouth_gaussians=20, features=4, deformation_width=8, appearance_width=8)
     started = start_head(capture, head, 0)
     roots = started.head.means.detach()[-10:, None]
     strands = roots + torch.linspace(0, along, 6)[None, :, None] * torch.tensor([0.0, -1.0, 0.0])
-    hair = Hair(strands, 0.002, torch.full((3,), 0.3), DeformerConfig(hidden=8, width=16, history=2, knots=0))
-    avatar = Avatar(hair, started.head, SignalNormalizer(), torch.zeros(3))
+    hair = Hair(strands, 0.002, torch.full((3,), 0.3), deformer)
+    avatar = Avatar(hair, started.head, SignalNormalizer(deformer), torch.zeros(3))
     return JointObjective(avatar, capture, training_segments(capture), started.points, settings, perceptual)
 
 
@@ -81,6 +87,21 @@ def test_terms_without_weight_are_left_out_where_they_cost_something(capture: Ca
     settings = replace(SETTINGS, weights=replace(LossWeights(), reach=1.0))
     full = make_objective(capture, settings)(batch, 0).terms
     assert {"colour_gradient", "colour_spatial", "colour_consistency", "reach"} <= set(full)
+
+
+def test_dynamics_are_asked_to_settle_every_so_many_steps(capture: Capture) -> None:
+    strands = DeformerConfig("strands", history=10, guides=4, turn=True)
+    batch = batches(capture).batch(0)
+    settings = replace(SETTINGS, weights=replace(LossWeights(), settling=3.0))
+    asked, without = (make_objective(capture, each, deformer=strands) for each in (settings, SETTINGS))
+    for step in (0, 1, SETTLING_EVERY):
+        result, plain = asked(batch, step), without(batch, step)
+        assert ("settling" in result.terms) == (step % SETTLING_EVERY == 0)
+        assert "settling" not in plain.terms
+        added = SETTLING_EVERY * 3.0 * float(result.terms.get("settling", 0.0))
+        assert float((result.loss - plain.loss).detach()) == pytest.approx(added, abs=1e-5)
+    # others have nothing that could come to rest elsewhere
+    assert "settling" not in make_objective(capture, settings)(batch, 0).terms
 
 
 def test_missing_hair_moves_the_deformer(capture: Capture) -> None:

@@ -29,7 +29,7 @@ class Objective(JointObjective):
 
 @pytest.mark.parametrize("super_resolution", [1, 2])
 @pytest.mark.parametrize("dynamic", [True, False])
-@pytest.mark.parametrize("kind", ["modal", "paper"])
+@pytest.mark.parametrize("kind", ["modal", "paper", "strands"])
 def test_each_parameter_is_in_one_group(kind: str, dynamic: bool, super_resolution: int) -> None:
     avatar = make_avatar(super_resolution)
     config = DeformerConfig(kind=kind)  # pyright: ignore[reportArgumentType]
@@ -44,7 +44,9 @@ def test_each_parameter_is_in_one_group(kind: str, dynamic: bool, super_resoluti
     assert set(rates) == set(names.values())
     assert rates["avatar.head.colour.on_pose.layers.0.weight"] == RATES.head_networks
     assert rates["pose_corrections.1"] == RATES.pose_correction
-    if dynamic:
+    if dynamic and kind == "strands":
+        assert rates["avatar.hair.deformer.dynamics.neck"] == RATES.dynamics
+    elif dynamic:
         assert rates["avatar.hair.deformer.root_attenuation"] == RATES.deformer
     if dynamic and kind == "modal":
         assert rates["avatar.hair.deformer.oscillators.damping_logit"] == RATES.modes

@@ -36,11 +36,11 @@ def losses(folder: Path) -> list[float]:
     return [event.value for event in events.Scalars("loss")]
 
 
-@pytest.mark.parametrize("kind", ["paper", "modal"])
+@pytest.mark.parametrize("kind", ["paper", "modal", "strands"])
 def test_the_loss_falls_as_on_the_cpu(
     kind: str, capture: Path, begun: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    deformer = replace(CONFIG.hair.deformer, kind=kind, inextensible=kind == "modal")  # pyright: ignore[reportArgumentType]
+    deformer = replace(CONFIG.hair.deformer, kind=kind, inextensible=kind != "paper")  # pyright: ignore[reportArgumentType]
     config = replace(CONFIG, hair=replace(CONFIG.hair, deformer=deformer))
     go_on(capture, branch_off(begun, tmp_path / "gpu", config))
     with monkeypatch.context() as patch:

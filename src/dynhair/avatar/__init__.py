@@ -12,6 +12,7 @@ from dynhair.avatar.live import LiveAvatar
 from dynhair.avatar.modal import ModalDeformer
 from dynhair.avatar.recording import Recording
 from dynhair.avatar.scalp_layer import ScalpLayer
+from dynhair.avatar.strand_deformer import StrandDeformer
 
 __all__ = [
     "Avatar",
@@ -30,5 +31,6 @@ __all__ = [
     "PosedAvatar",
     "Recording",
     "ScalpLayer",
+    "StrandDeformer",
     "head_pose",
 ]

@@ -23,15 +23,44 @@ DISPLACEMENT_UNIT = 0.1  # metres; about one canonical unit of the face models, 
 class HairDeformer(PointNetwork):
     """Displacements of strand points from a window of head motion.
 
+    The canonical positions that the network sees are those at construction. They are the points' fixed addresses:
+    when the canonical hair is optimised or edited later, a point keeps its motion.
+
+    Args:
+        canonical: canonical strands in the head frame, metres.
+        config: sizes.
+    """
+
+    addresses: Tensor
+
+    def __init__(self, canonical: Float[Tensor, "n l 3"], config: DeformerConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.strands, self.points = canonical.shape[:2]
+        self.register_buffer("addresses", canonical.clone())
+
+    def parameters_by_rate(self) -> dict[str, list[nn.Parameter]]:
+        """Its parameters under the names of their :class:`~dynhair.config.LearningRates`."""
+        return {"deformer": list(self.parameters())}
+
+    @abstractmethod
+    def forward(self, window: Float[Tensor, "t c"]) -> Float[Tensor, "n l 3"]:
+        """Displacements, metres, in the head frame.
+
+        Args:
+            window: normalised conditions of the frames ``t - T .. t``, oldest first.
+        """
+
+
+class PointwiseDeformer(HairDeformer):
+    """A network that is evaluated for each point by itself.
+
     A window becomes an embedding, and the embedding the layers of a small network; this is evaluated for each point, of
     which it sees encoded canonical position and place along the strand. Displacements are attenuated towards the root
     by learnable factors (paper, "Hair deformation network").
 
     The network can be evaluated at a few knots of each strand, and a natural cubic spline through what it says there
     moves the other points: displacements are smooth along a strand. The attenuation is every point's own.
-
-    The canonical positions that the network sees are those at construction. They are the points' fixed addresses:
-    when the canonical hair is optimised or edited later, a point keeps its motion.
 
     Args:
         canonical: canonical strands in the head frame, metres.
@@ -42,21 +71,17 @@ class HairDeformer(PointNetwork):
         position_features: how much of it is the position.
     """
 
-    addresses: Tensor
     code: Tensor
     spline: Tensor
 
     def __init__(self, canonical: Float[Tensor, "n l 3"], config: DeformerConfig) -> None:
-        super().__init__()
-        self.config = config
-        self.strands, self.points = canonical.shape[:2]
+        super().__init__(canonical, config)
         knots = evenly_spaced(self.points, config.knots)
         centred = (canonical[:, knots] - canonical.mean((0, 1))) / POSITION_UNIT
         position = positional_encoding(centred.transpose(0, 1), config.position_frequencies)
         along = knots.to(canonical)[:, None] / self.points
         place = positional_encoding(along, config.place_frequencies)[:, None].expand(-1, self.strands, -1)
         self.position_features = position.shape[-1]
-        self.register_buffer("addresses", canonical.clone())
         self.register_buffer("code", torch.cat([position, place], -1).flatten(0, 1), persistent=False)
         self.register_buffer("spline", natural_spline(knots, self.points).to(canonical), persistent=False)
         self.root_attenuation = nn.Parameter(torch.linspace(0.05, 1.0, self.points))
@@ -69,22 +94,14 @@ class HairDeformer(PointNetwork):
     def layers(self, embedding: Float[Tensor, " e"]) -> list[PointLayer]:
         """The network under one embedding, which all points share; it displaces them by `DISPLACEMENT_UNIT`."""
 
-    def parameters_by_rate(self) -> dict[str, list[nn.Parameter]]:
-        """Its parameters under the names of their :class:`~dynhair.config.LearningRates`."""
-        return {"deformer": list(self.parameters())}
-
     def forward(self, window: Float[Tensor, "t c"]) -> Float[Tensor, "n l 3"]:
-        """Displacements, metres, in the head frame.
-
-        Args:
-            window: normalised conditions of the frames ``t - T .. t``, oldest first.
-        """
+        """As :meth:`HairDeformer.forward`."""
         at_knots = evaluate_chunked(self.code, self.layers(self.embedding(window)), self.dtype)
         attenuated = (DISPLACEMENT_UNIT * self.root_attenuation)[:, None] * self.spline
         return (attenuated @ at_knots.view(self.spline.shape[1], -1)).view(self.points, -1, 3).transpose(0, 1)
 
 
-class PaperDeformer(HairDeformer):
+class PaperDeformer(PointwiseDeformer):
     """The paper's network (paper, "Hair deformation network").
 
     An LSTM with learnable initial state embeds the encoded window; the embedding scales and shifts (FiLM) the encoded

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from dynhair.avatar.deformer import HairDeformer, PaperDeformer
 from dynhair.avatar.modal import ModalDeformer
 from dynhair.avatar.spherical_harmonics import COEFFICIENTS, constant_coefficient
+from dynhair.avatar.strand_deformer import StrandDeformer
 from dynhair.config import DeformerConfig
 from dynhair.editing import HairLook
 from dynhair.strands import smooth_strands, with_lengths
@@ -28,7 +29,8 @@ class RigidDeformer(nn.Module):
 
 def hair_deformer(canonical: Float[Tensor, "n l 3"], config: DeformerConfig) -> HairDeformer:
     """A fresh deformer of the configured kind."""
-    return (ModalDeformer if config.kind == "modal" else PaperDeformer)(canonical, config)
+    kinds = {"paper": PaperDeformer, "modal": ModalDeformer, "strands": StrandDeformer}
+    return kinds[config.kind](canonical, config)
 
 
 class Hair(nn.Module):

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynhair.avatar.chunked import PointLayer
-from dynhair.avatar.deformer import HairDeformer
+from dynhair.avatar.deformer import PointwiseDeformer
 from dynhair.config import DeformerConfig
 from dynhair.motion import signal_names
 
@@ -70,7 +70,7 @@ class Oscillators(nn.Module):
         return forces[0] + (changes * self.step_responses(since)).sum(0)
 
 
-class ModalDeformer(HairDeformer):
+class ModalDeformer(PointwiseDeformer):
     """Displacements as a sum of learned modes (see the module's text).
 
     The forces on the modes are linear in angular acceleration, angular velocity, its products in pairs (centrifugal

@@ -25,6 +25,8 @@ LABELS: Mapping[str, str] = {
     "simulator-tuned": "Simulator, tuned",
     "rigid": "Rigid hair",
     "paper-deformer": "w/ the paper's deformer",
+    "modal-deformer": "w/ modes",
+    "untaught": "w/o taught dynamics",
     "pose": "w/ pose",
     "no-acceleration": "w/o acceleration",
     "no-gravity": "w/o gravity",

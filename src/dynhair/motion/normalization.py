@@ -37,8 +37,8 @@ def signal_names(config: DeformerConfig) -> tuple[str, ...]:
     """Which of the :class:`MotionSignals` the hair sees, in the order of the conditions' columns.
 
     The paper's are angular velocity, angular acceleration and gravity; pose, and the lack of any, are its ablations
-    (table 2). Modes see the pull in the place of gravity, and may see the head's turn since rest, which is a rotation
-    vector in its frame.
+    (table 2). Modes and strands see the pull in the place of gravity, and may see the head's turn since rest, which is
+    a rotation vector in its frame.
     """
     if config.kind == "paper" and config.signals == "pose":
         motion = ("rotation", "translation")
@@ -46,7 +46,7 @@ def signal_names(config: DeformerConfig) -> tuple[str, ...]:
         motion = ("omega", "alpha") if config.acceleration else ("omega",)
     if config.gravity:
         motion = (*motion, "gravity" if config.kind == "paper" else "pull")
-    return (*motion, "turn") if config.kind == "modal" and config.turn else motion
+    return (*motion, "turn") if config.kind != "paper" and config.turn else motion
 
 
 class SignalNormalizer(nn.Module):
@@ -57,15 +57,19 @@ class SignalNormalizer(nn.Module):
     a turn from the head at rest, and a pull, in gravities, from that on it. All that is buffers, saved with the model;
     a fresh normalizer divides by one.
 
+    Dynamics of strands know physical units, whatever the training set: for them nothing is divided.
+
     Args:
         config: which signals the hair sees; the paper's by default.
     """
 
     def __init__(self, config: DeformerConfig | None = None) -> None:
         super().__init__()
-        self.names = signal_names(config or DeformerConfig())
+        config = config or DeformerConfig()
+        self.names = signal_names(config)
+        self.physical = config.kind == "strands"
         for name in self.names:
-            if name in FLOORS:
+            if name in FLOORS and not self.physical:
                 self.register_buffer(f"{name}_max", torch.ones(3))
         if "translation" in self.names:
             self.register_buffer("translation_mean", torch.zeros(3))
@@ -101,21 +105,26 @@ class SignalNormalizer(nn.Module):
         if "turn" in normalizer.names:
             rotation = so3_exp(signals[0].rotation[0]) if rest is None else rest.rotation
             normalizer.get_buffer("rest_rotation").copy_(rotation)
-        for name in normalizer.names:
+        for name in () if normalizer.physical else normalizer.names:
             if name in FLOORS:
                 largest = torch.cat([normalizer._centred(s, name) for s in signals]).abs().amax(0)
                 normalizer.get_buffer(f"{name}_max").copy_(largest.clamp_min(FLOORS[name]))
         return normalizer
 
     def forward(self, signals: MotionSignals) -> Float[Tensor, "f c"]:
-        """Concatenate the signals frame by frame, scaled, and all but gravity and pull clamped to [-1, 1]."""
+        """Concatenate the signals frame by frame.
+
+        What has been scaled is clamped to [-1, 1]; gravity and pull are not, nor is anything in physical units.
+        """
         return torch.cat([self._scaled(signals, name) for name in self.names], dim=-1)
 
     def _scaled(self, signals: MotionSignals, name: str) -> Float[Tensor, "f 3"]:
         values = self._centred(signals, name)
         if name == "pull":
             return (values - self.get_buffer("pull_at_rest")) / GRAVITY
-        return (values / self.get_buffer(f"{name}_max")).clamp(-1, 1) if name in FLOORS else values
+        if self.physical or name not in FLOORS:
+            return values
+        return (values / self.get_buffer(f"{name}_max")).clamp(-1, 1)
 
     def _centred(self, signals: MotionSignals, name: str) -> Float[Tensor, "f 3"]:
         if name == "turn":

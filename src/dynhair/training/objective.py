@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from dynhair.avatar import Avatar, AvatarImages, head_pose
+from dynhair.avatar import Avatar, AvatarImages, StrandDeformer, head_pose
 from dynhair.capture import Capture, Segment
 from dynhair.config import TrainingConfig
 from dynhair.losses import (
@@ -46,6 +46,9 @@ POINTS_A_PIXEL = 10
 
 ROOT_POINTS = 3
 """Points of a strand that are not drawn to missing hair: the scalp holds them."""
+
+SETTLING_EVERY, SETTLING_MOTIONS, SETTLING_STRANDS = 8, 4, 24
+"""Every so many steps that many strands are seen to settle after several motions on end, with as much more weight."""
 
 SQUARED_HARMONIC = 4 * math.pi
 """What a squared coefficient of degree 0 is more than the squared colour it stands for."""
@@ -164,6 +167,11 @@ class JointObjective(nn.Module):
                 samples=max(config.reach_points // POINTS_A_PIXEL, 1),
                 generators=self._generators(batch, step),
             )
+        deformer = self.avatar.hair.deformer
+        if weights.settling > 0 and step % SETTLING_EVERY == 0 and isinstance(deformer, StrandDeformer):
+            chosen = torch.randint(len(self._conditions), (SETTLING_MOTIONS,), generator=generator)
+            motion = torch.cat([self._conditions[index] for index in chosen.tolist()])
+            terms["settling"] = deformer.unsettled(motion, SETTLING_STRANDS, generator)
         perceptual, every = self._perceptual[0], config.perceptual_every
         if perceptual is not None and step % every == 0:
             terms["perceptual"] = perceptual_crop_loss(perceptual, rgb, batch.rgb, self._crops(batch, step))
@@ -181,6 +189,7 @@ class JointObjective(nn.Module):
             "elastic": weights.elastic,
             "tracking": weights.tracking,
             "reach": weights.reach,
+            "settling": SETTLING_EVERY * weights.settling,
             "colour_gradient": weights.colour_gradient / SQUARED_HARMONIC,
             "colour_spatial": weights.colour_spatial / SQUARED_HARMONIC,
             "colour_consistency": weights.colour_consistency / SQUARED_HARMONIC,

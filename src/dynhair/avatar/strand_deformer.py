@@ -1,0 +1,150 @@
+"""Hair that moves by learned dynamics of its strands: a deformer with memory, beyond the paper's and beyond modes."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from dynhair.avatar.deformer import HairDeformer
+from dynhair.avatar.strand_dynamics import HIDDEN, POINTS, HeadMotions, StrandDynamics, StrandStates
+from dynhair.config import DeformerConfig
+from dynhair.motion import GRAVITY, signal_names
+from dynhair.strands import resample_strands
+from dynhair.strands.spreading import farthest_points
+
+NEAREST = 4
+"""Guides that a strand follows."""
+
+SOFTENING = 0.005
+"""Metres: of guides closer than that, none counts for much more than another."""
+
+HANGING = 0.02
+"""Radians, and parts of gravity: a motion that begins closer to rest begins with resting hair."""
+
+SETTLING = 60
+"""Frames that hair is given to settle on a head that is held otherwise."""
+
+
+class StrandDeformer(HairDeformer):
+    """Displacements by :class:`StrandDynamics` of guides, which the other strands follow.
+
+    The guides are strands that lie evenly in the hair. They move from rest through all frames of a window; a strand
+    follows the guides that run closest to it. The dynamics begin, unless the configuration says otherwise, from what
+    simulated hair has taught.
+
+    A window begins with hair that has settled, on a head that was held still as it is in the first frame.
+
+    Args:
+        canonical: canonical strands in the head frame, metres.
+        config: sizes, and what the hair sees.
+    """
+
+    guides: Tensor
+    followed: Tensor
+    shares: Tensor
+    along: Tensor
+
+    def __init__(self, canonical: Float[Tensor, "n l 3"], config: DeformerConfig) -> None:
+        super().__init__(canonical, config)
+        knots = resample_strands(canonical, POINTS)
+        chosen = farthest_points(canonical.mean(1), config.guides)
+        guides = knots[chosen]
+        distances, followed = (torch.cdist(knots.flatten(1), guides.flatten(1)) / POINTS**0.5).topk(
+            min(NEAREST, len(guides)), largest=False
+        )
+        shares = 1 / (distances.square() + SOFTENING**2)
+        self.register_buffer("guides", guides, persistent=False)
+        self.register_buffer("followed", followed, persistent=False)
+        self.register_buffer("shares", shares / shares.sum(1, keepdim=True), persistent=False)
+        self.register_buffer("along", _between(POINTS, self.points).to(canonical), persistent=False)
+        roots = canonical[:, 0].mean(0)
+        self.dynamics = StrandDynamics.taught() if config.taught else StrandDynamics(POINTS, HIDDEN, torch.zeros(3))
+        with torch.no_grad():
+            self.dynamics.neck.add_(roots.to(self.dynamics.neck))
+        self.dynamics.to(canonical)
+
+    def parameters_by_rate(self) -> dict[str, list[nn.Parameter]]:
+        """As :meth:`HairDeformer.parameters_by_rate`: dynamics that are taught already learn slowly."""
+        return {"dynamics": list(self.parameters())}
+
+    def begun(self, window: Float[Tensor, "t c"]) -> Float[Tensor, "s c"]:
+        """A window from its last frame before the motion, in which the head holds still.
+
+        Frames before a motion repeat its first one.
+        """
+        differs = (window != window[0]).any(1)
+        first = int(differs.int().argmax()) if bool(differs.any()) else len(window)
+        moving = [name in ("omega", "alpha") for name in signal_names(self.config) for _ in range(3)]
+        held = torch.where(torch.tensor(moving, device=window.device), 0.0, window[:1])
+        return torch.cat([held, window[first:]])
+
+    def states(self, window: Float[Tensor, "t c"], start: StrandStates | None = None) -> StrandStates:
+        """The guides at the end of a window.
+
+        Args:
+            window: conditions of frames, oldest first, as :meth:`begun` has them.
+            start: of the guides in the first of them; if None, they hang from a head that is held so.
+        """
+        start = self._hanging(window[:1]) if start is None else start
+        if len(window) == 1:
+            return start
+        moved = self.dynamics(self.guides[None], self._head(window), start)
+        return StrandStates(moved[:, -1], moved[:, -1] - moved[:, -2])
+
+    def unsettled(self, motion: Float[Tensor, "t c"], count: int, generator: torch.Generator) -> Float[Tensor, ""]:
+        """How far strands still are from rest when, after a motion, the head has been at rest for `SETTLING` frames.
+
+        Gradients are of these alone: from wherever the dynamics have taken a strand, they are to bring it back.
+
+        Args:
+            motion: conditions, however long.
+            count: guides that are looked at.
+            generator: on the CPU, draws them.
+
+        Returns:
+            Mean distance over the last quarter of the frames at rest, metres.
+        """
+        chosen = torch.randperm(len(self.guides), generator=generator)[:count]
+        strands = self.guides[chosen.to(self.guides.device)][None]
+        with torch.no_grad():
+            moved = self.dynamics(strands, self._head(motion))[:, -2:]
+        start = StrandStates(moved[:, -1], moved[:, -1] - moved[:, 0])
+        still = self._head(motion.new_zeros(SETTLING, motion.shape[1]))
+        return self.dynamics(strands, still, start)[0, -SETTLING // 4 :].norm(dim=-1).mean()
+
+    def _hanging(self, held: Float[Tensor, "1 c"]) -> StrandStates:
+        """The guides when they have settled; a head close to rest has resting hair."""
+        still = torch.zeros_like(self.guides)[None]
+        if bool(held.abs().amax() < HANGING):
+            return StrandStates(still, still)
+        with torch.no_grad():
+            head = self._head(held.expand(SETTLING, -1))
+            settled = self.dynamics(self.guides[None], head)[:, -1]
+        return StrandStates(settled, still)
+
+    def following(self, guides: StrandStates) -> Float[Tensor, "n k 3"]:
+        """Displacements of all strands at a guide's places along them, by those of the guides."""
+        return (guides.placed[0, self.followed] * self.shares[..., None, None]).sum(1)
+
+    def forward(self, window: Float[Tensor, "t c"]) -> Float[Tensor, "n l 3"]:
+        """As :meth:`HairDeformer.forward`."""
+        return torch.einsum("lk,nkc->nlc", self.along, self.following(self.states(self.begun(window))))
+
+    def _head(self, window: Float[Tensor, "t c"]) -> HeadMotions:
+        """What the window's columns say of the head's motion; what the hair does not see is nothing."""
+        parts = dict(zip(signal_names(self.config), window[None].split(3, -1), strict=True))
+        none = torch.zeros_like(window[None, :, :3])
+        omega, alpha, pull, turn = (parts.get(name, none) for name in ("omega", "alpha", "pull", "turn"))
+        return HeadMotions(omega, alpha, turn, GRAVITY * pull)
+
+
+def _between(knots: int, points: int) -> Float[Tensor, "l k"]:
+    """Linear interpolation from knots to points, both evenly spaced from end to end."""
+    place = torch.linspace(0, knots - 1, points)
+    upper = place.ceil().long().clamp(1, knots - 1)
+    share = upper - place
+    matrix = torch.zeros(points, knots)
+    matrix[torch.arange(points), upper - 1] = share
+    matrix[torch.arange(points), upper] += 1 - share
+    return matrix

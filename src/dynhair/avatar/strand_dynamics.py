@@ -1,0 +1,208 @@
+"""Learned dynamics of single strands: a network that moves each strand from frame to frame, as a simulator would.
+
+Modes belong to a hairstyle, and have as many motions to learn from as were recorded. How one strand moves under its own
+weight, beside head and shoulders, every strand shows in every frame of them: a network that says how a strand speeds up
+from how it hangs and moves, and from what pulls at it, has tens of thousands of examples in half a minute. And as it is
+of no hairstyle, it can begin from what others have taught it.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.resources import as_file, files
+from typing import NamedTuple
+
+import safetensors.torch
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn import functional
+
+from dynhair.avatar.encoding import encoded_size, positional_encoding
+from dynhair.motion import cross_matrix, so3_exp
+from dynhair.strands import segment_lengths
+
+POINTS, HIDDEN = 16, 256
+"""Of a strand, and width of the network that is taught by simulated hair."""
+
+FPS = 30.0
+"""Frames a second of what it is taught by."""
+
+TAUGHT = "strand_dynamics.safetensors"
+
+PLACE, STEP, PULL, OMEGA, ALPHA = 0.05, 0.01, 5.0, 3.0, 30.0
+"""Metres, metres a frame, m/s^2, rad/s, rad/s^2: what the network sees as 1."""
+
+FORGOTTEN = 0.01
+"""Of a displacement, in each frame."""
+
+REST_UNIT, ROOT_UNIT, ROOT_FREQUENCIES = 0.15, 0.1, 4
+
+
+class HeadMotions(NamedTuple):
+    """Motions of equal length, side by side: all that moves strands. At rest all of it is nothing.
+
+    Attributes:
+        omega: angular velocity in the head's frame, rad/s.
+        alpha: angular acceleration, likewise, rad/s^2.
+        turn: rotation vector of the head since rest, in its frame there.
+        weight: gravity less the acceleration of the head frame's origin, in that frame, less what that is at rest,
+            m/s^2.
+    """
+
+    omega: Float[Tensor, "m f 3"]
+    alpha: Float[Tensor, "m f 3"]
+    turn: Float[Tensor, "m f 3"]
+    weight: Float[Tensor, "m f 3"]
+
+
+class StrandStates(NamedTuple):
+    """Where strands are and how they move.
+
+    Attributes:
+        placed: displacements from rest, head frame, metres.
+        velocity: metres a frame.
+    """
+
+    placed: Float[Tensor, "m n k 3"]
+    velocity: Float[Tensor, "m n k 3"]
+
+
+class StrandDynamics(nn.Module):
+    """How strands move from frame to frame in the head's frame.
+
+    From frame to frame a velocity keeps a learned share of itself and gains what the network says of the strand: of all
+    its points' displacements and velocities; of what pulls at each in the turning head's frame (weight, the
+    centrifugal, Euler and Coriolis forces); of where each is on the shoulders against where it rests there; of how the
+    strand lies at rest; and of the head's motion. What it says of a resting strand on a resting head is subtracted, so
+    that rest is an equilibrium. What it sees is affine in displacement and velocity, so that the rest of its first
+    layer is computed for all frames at once.
+
+    A small part of each displacement is forgotten in each frame. Motions that teach are seconds long, and nothing in
+    them says that hair which is slightly off must not stay so: without this, errors pile up over a minute.
+
+    No point comes farther from where it rests than twice its way along the strand to the root, which is as far as a
+    strand can turn: whatever is learned, hair stays bounded.
+
+    The shoulders do not turn with the head, which turns on them about a point of the neck. That is learned too.
+
+    Args:
+        points: of a strand.
+        hidden: width.
+        neck: where that point is thought to be at first, head frame, metres.
+    """
+
+    def __init__(self, points: int, hidden: int, neck: Float[Tensor, "3"]) -> None:
+        super().__init__()
+        self.neck = nn.Parameter(neck.clone())
+        rest = 3 * points + encoded_size(3, ROOT_FREQUENCIES)
+        self.of_points = nn.Linear(12 * points, hidden)
+        self.of_rest = nn.Linear(rest, hidden, bias=False)
+        self.of_head = nn.Linear(9, hidden, bias=False)
+        self.middle = nn.Linear(hidden, hidden)
+        self.gain = nn.Linear(hidden, 3 * points, bias=False)
+        nn.init.normal_(self.gain.weight, std=1e-3)  # the hair rests at first
+        self.loss_logit = nn.Parameter(torch.zeros(points, 1))
+        self.freedom = nn.Parameter(torch.linspace(0, 1, points)[:, None])
+
+    @classmethod
+    def taught(cls) -> StrandDynamics:
+        """What simulated hair of other heads has taught (see docs/hair_motion_study.md).
+
+        The neck is counted from the mean of the strands' roots.
+        """
+        network = cls(POINTS, HIDDEN, torch.zeros(3))
+        network.load_state_dict({name: tensor.float() for name, tensor in _taught().items()})
+        return network
+
+    def forward(
+        self,
+        rest: Float[Tensor, "m n k 3"],
+        head: HeadMotions,
+        start: StrandStates | None = None,
+        noise: float = 0.0,
+    ) -> Float[Tensor, "m f n k 3"]:
+        """Displacements in every frame, metres; a velocity is the difference of two.
+
+        Args:
+            rest: the hair at rest, head frame, metres.
+            head: its motion.
+            start: of the strands in the first frame; at rest if None.
+            noise: standard deviation of what is added to what the network sees of displacements and velocities, anew in
+                each frame, in its units: errors of its own that it is taught to live with.
+        """
+        placed, velocity = (torch.zeros_like(rest),) * 2 if start is None else start
+        linear, constant, resting = self._inputs(rest, head)
+        kept, scale = torch.sigmoid(-self.loss_logit), STEP * self.freedom
+        reach = 2 * functional.pad(segment_lengths(rest.flatten(0, 1)).cumsum(-1), (1, 0)).view(*rest.shape[:-1], 1)
+        at_rest = self._gain(resting)
+        units = rest.new_tensor([PLACE] * 3 + [STEP] * 3)
+        displacements = [placed]
+        # unbound, for the gradient of one frame of a tensor is as large as the tensor
+        for by_state, given in zip(linear.unbind(1)[1:], constant.unbind(1)[1:], strict=True):
+            state = torch.cat([placed, velocity], -1)
+            if noise:
+                state = state + noise * units * torch.randn_like(state)
+            seen = (state.flatten(1, 2) @ by_state).view(*rest.shape[:2], -1)
+            gained = self._gain(functional.linear(seen, self.of_points.weight) + given) - at_rest
+            before = placed
+            placed = ((1 - FORGOTTEN) * before + kept * velocity + scale * gained.view_as(velocity)).clamp(
+                -reach, reach
+            )
+            velocity = placed - before
+            displacements.append(placed)
+        return torch.stack(displacements, 1)
+
+    def _gain(self, first: Float[Tensor, "m n h"]) -> Float[Tensor, "m n _"]:
+        """What a strand gains, from the sums of the first layer."""
+        return self.gain(functional.silu(self.middle(functional.silu(first))))
+
+    def _inputs(
+        self, rest: Float[Tensor, "m n k 3"], head: HeadMotions
+    ) -> tuple[Float[Tensor, "m f 6 12"], Float[Tensor, "m f n h"], Float[Tensor, "m n h"]]:
+        """What is seen of a point's displacement and velocity, the rest of the first layer, and that at rest."""
+        motions, frames, _ = head.omega.shape
+        turn = so3_exp(head.turn)
+        by_place, by_velocity = inertial_pull(head.omega, head.alpha)
+        same = torch.eye(3).to(rest).expand(motions, frames, 3, 3)
+        none = torch.zeros_like(same)
+        linear = torch.cat(
+            [
+                torch.cat([same / PLACE, none, by_place / PULL, turn / PLACE], -2),
+                torch.cat([none, same / STEP, FPS * by_velocity / PULL, none], -2),
+            ],
+            -1,
+        ).mT
+        pulled = torch.einsum("mfcd,mnkd->mfnkc", by_place, rest) + head.weight[:, :, None, None]
+        slid = torch.einsum("mfcd,mnkd->mfnkc", turn - same, rest - self.neck)
+        still = torch.zeros_like(pulled)
+        of_points = torch.cat([still, still, pulled / PULL, slid / PLACE], -1).flatten(-2)
+        lies = rest - self.neck
+        roots = positional_encoding(lies[:, :, 0] / ROOT_UNIT, ROOT_FREQUENCIES)
+        resting = self.of_rest(torch.cat([lies.flatten(-2) / REST_UNIT, roots], -1)) + self.of_points.bias
+        moved = torch.cat([head.omega / OMEGA, head.alpha / ALPHA, head.weight / PULL], -1)
+        of_head = self.of_head(moved)[:, :, None]
+        return linear, functional.linear(of_points, self.of_points.weight) + resting[:, None] + of_head, resting
+
+
+def inertial_pull(
+    omega: Float[Tensor, "*b 3"], alpha: Float[Tensor, "*b 3"]
+) -> tuple[Float[Tensor, "*b 3 3"], Float[Tensor, "*b 3 3"]]:
+    """Accelerations that a turning frame lends to what is in it.
+
+    Args:
+        omega: the frame's angular velocity, in itself, rad/s.
+        alpha: its angular acceleration, rad/s^2.
+
+    Returns:
+        What takes a place, from the frame's origin, to m/s^2 (centrifugal and Euler), and what takes a velocity in the
+        frame there (Coriolis).
+    """
+    spin = cross_matrix(omega)
+    return -cross_matrix(alpha) - spin @ spin, -2 * spin
+
+
+@cache
+def _taught() -> dict[str, Tensor]:
+    with as_file(files("dynhair.avatar") / TAUGHT) as path:
+        return safetensors.torch.load_file(path)
