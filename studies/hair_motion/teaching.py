@@ -2,7 +2,7 @@
 
     python -m studies.hair_motion.teaching OUT
 
-Simulates five hairstyles in OUT, each as long as it was not, and writes ``OUT/strand_dynamics.safetensors``, which
+Simulates five hairstyles in OUT, what is not there yet, and writes ``OUT/strand_dynamics.safetensors``, which
 dynhair's own is a copy of. Needs Blender (`make blender`, or the variable DYNHAIR_BLENDER). No capture is read: how a
 person's hair moves, an avatar learns from the images.
 """

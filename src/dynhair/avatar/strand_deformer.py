@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
+from torch.nn.functional import interpolate
 
 from dynhair.avatar.deformer import HairDeformer
 from dynhair.avatar.strand_dynamics import HIDDEN, POINTS, HeadMotions, StrandDynamics, StrandStates
@@ -57,7 +58,8 @@ class StrandDeformer(HairDeformer):
         self.register_buffer("guides", guides, persistent=False)
         self.register_buffer("followed", followed, persistent=False)
         self.register_buffer("shares", shares / shares.sum(1, keepdim=True), persistent=False)
-        self.register_buffer("along", _between(POINTS, self.points).to(canonical), persistent=False)
+        along = interpolate(torch.eye(POINTS)[None], self.points, mode="linear", align_corners=True)[0].T
+        self.register_buffer("along", along.to(canonical), persistent=False)
         roots = canonical[:, 0].mean(0)
         self.dynamics = StrandDynamics.taught() if config.taught else StrandDynamics(POINTS, HIDDEN, torch.zeros(3))
         with torch.no_grad():
@@ -137,14 +139,3 @@ class StrandDeformer(HairDeformer):
         none = torch.zeros_like(window[None, :, :3])
         omega, alpha, pull, turn = (parts.get(name, none) for name in ("omega", "alpha", "pull", "turn"))
         return HeadMotions(omega, alpha, turn, GRAVITY * pull)
-
-
-def _between(knots: int, points: int) -> Float[Tensor, "l k"]:
-    """Linear interpolation from knots to points, both evenly spaced from end to end."""
-    place = torch.linspace(0, knots - 1, points)
-    upper = place.ceil().long().clamp(1, knots - 1)
-    share = upper - place
-    matrix = torch.zeros(points, knots)
-    matrix[torch.arange(points), upper - 1] = share
-    matrix[torch.arange(points), upper] += 1 - share
-    return matrix

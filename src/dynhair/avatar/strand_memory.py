@@ -20,8 +20,8 @@ SKIPPED = 8
 ROUNDING = 1e-5
 """By which conditions of the same frame may differ, worked out twice."""
 
-
 KEPT = 4
+"""States that are known at a time: those before provisional ends, which are wanted again, and those at the ends."""
 
 
 class _Known(NamedTuple):
