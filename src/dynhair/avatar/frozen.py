@@ -9,16 +9,14 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from dynhair.avatar.avatar import Avatar
-from dynhair.avatar.deformer import DISPLACEMENT_UNIT, HairDeformer, PointwiseDeformer
+from dynhair.avatar.deformer import HairDeformer
 from dynhair.avatar.drawing import AvatarImages, PosedAvatar
 from dynhair.avatar.encoding import CANONICAL_UNIT, ENCODING_FREQUENCIES, positional_encoding
-from dynhair.avatar.frozen_layers import FrozenBranches, FrozenLayers
+from dynhair.avatar.frozen_deformers import frozen_deformer
+from dynhair.avatar.frozen_layers import FrozenBranches
 from dynhair.avatar.hair import Hair
 from dynhair.avatar.head import Head
 from dynhair.avatar.head_pose import HeadPose
-from dynhair.avatar.modal import ModalDeformer
-from dynhair.avatar.strand_deformer import StrandDeformer
-from dynhair.avatar.strand_memory import StrandMemory
 from dynhair.camera import Camera
 from dynhair.capture import HeadTrack
 from dynhair.native import for_kernels
@@ -29,8 +27,7 @@ from dynhair.threads import beside, thread_count
 class FrozenHair(Hair):
     """Hair whose parameters do not change (:meth:`Avatar.frozen`).
 
-    What the network adds at the knots goes through spline, attenuation and low-pass in one product. The shapes of modes
-    are worked out once; dynamics of strands go on from the frame before.
+    What the deformer says of the knots goes through spline, attenuation and low-pass in one product.
 
     Args:
         hair: whose parameters it shares.
@@ -41,42 +38,21 @@ class FrozenHair(Hair):
         nn.Module.__init__(self)
         vars(self).update(vars(hair))
         self._rest = smooth_strands(hair.strands)
-        deformer, points = hair.deformer, hair.strands.shape[1]
-        unit = torch.eye(points).to(self._rest)[..., None].expand(-1, -1, 3)
-        smoothing = smooth_strands(unit)[..., 0].T
-        if isinstance(deformer, PointwiseDeformer):
-            self._from_knots = smoothing @ ((DISPLACEMENT_UNIT * deformer.root_attenuation)[:, None] * deformer.spline)
-        if isinstance(deformer, StrandDeformer):
-            self._from_knots = smoothing @ deformer.along
-            self._memory = StrandMemory(deformer)
-        if isinstance(deformer, ModalDeformer):
-            shapes = [self._at_knots(one).flatten() for one in torch.eye(deformer.config.modes).to(self._rest)]
-            self._shapes = torch.stack(shapes)
+        self._frozen = frozen_deformer(hair.deformer) if isinstance(hair.deformer, HairDeformer) else None
+        if self._frozen is not None:
+            points = hair.strands.shape[1]
+            unit = torch.eye(points).to(self._rest)[..., None].expand(-1, -1, 3)
+            self._from_knots = smooth_strands(unit)[..., 0].T @ self._frozen.spread
 
     @torch.no_grad()
     def forward(self, window: Float[Tensor, "t c"] | None) -> Float[Tensor, "n l 3"]:
         """As :meth:`Hair.forward`."""
-        deformer = self.deformer
-        if window is None or not isinstance(deformer, HairDeformer):
+        if window is None or self._frozen is None:
             return self._rest
-        at_knots = self._displacements(deformer, window)
-        moved = (self._from_knots @ at_knots.view(self._from_knots.shape[1], -1)).view(deformer.points, -1, 3)
+        at_knots = self._frozen.at_knots(window)
+        moved = (self._from_knots @ at_knots.view(self._from_knots.shape[1], -1)).view(len(self._from_knots), -1, 3)
         strands = self._rest + moved.transpose(0, 1)
-        return with_lengths(strands, self._rest) if deformer.config.inextensible else strands
-
-    def _displacements(self, deformer: HairDeformer, window: Float[Tensor, "t c"]) -> Tensor:
-        """Of all strands at the knots, knot by knot."""
-        if isinstance(deformer, StrandDeformer):
-            return deformer.following(self._memory.states(window)).transpose(0, 1).contiguous()
-        assert isinstance(deformer, PointwiseDeformer)
-        embedding = deformer.embedding(window)
-        return embedding @ self._shapes if isinstance(deformer, ModalDeformer) else self._at_knots(embedding)
-
-    def _at_knots(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, "k 3"]:
-        """What the network says of all knots."""
-        assert isinstance(self.deformer, PointwiseDeformer)
-        layers = self.deformer.layers(embedding)
-        return FrozenLayers([layer.weight for layer in layers])([layer.bias for layer in layers], self.deformer.code)
+        return with_lengths(strands, self._rest) if self.deformer.config.inextensible else strands
 
 
 class FrozenHead(Head):
