@@ -31,8 +31,8 @@ from dynhair.avatar.hair import HairDeformer
 from dynhair.avatar.mlp import use_precision
 from dynhair.camera import Camera
 from dynhair.capture import Capture, HeadTrack
-from dynhair.config import PRESETS, preset
 from dynhair.demo import sample_capture
+from dynhair.presets import PRESETS, preset
 from dynhair.render import cpu
 from dynhair.threads import keep_large_blocks, large_pieces
 from dynhair.training import avatar_folder, capture_recording, recording_of

@@ -24,8 +24,9 @@ import torch
 
 from dynhair.avatar import PaperDeformer
 from dynhair.avatar.chunked import CHUNK
-from dynhair.config import PRESETS, DeformerConfig, preset
+from dynhair.config import DeformerConfig
 from dynhair.motion import signal_names
+from dynhair.presets import PRESETS, preset
 from dynhair.threads import keep_large_blocks, large_pieces
 
 ROUNDS = 15

@@ -29,8 +29,9 @@ from torch.nn import functional
 
 from dynhair.avatar import drawing
 from dynhair.capture import Capture
-from dynhair.config import PRESETS, Config, preset
+from dynhair.config import Config
 from dynhair.demo import sample_capture
+from dynhair.presets import PRESETS, preset
 from dynhair.render import cpu, kernels
 from dynhair.threads import keep_large_blocks, large_pieces
 from dynhair.training import contact as contact_module

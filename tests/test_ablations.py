@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from dynhair.ablations import ABLATIONS, AblationName, ablated
-from dynhair.config import preset, with_deformer
+from dynhair.config import with_deformer
+from dynhair.presets import preset
 
 CHANGES: dict[str, set[str]] = {
     "paper-deformer": {f"hair.deformer.{name}" for name in ("kind", "history", "turn", "inextensible")},

@@ -9,8 +9,9 @@ from typing import get_args
 import pytest
 
 from dynhair.comparison.options import PresetName
-from dynhair.config import PRESETS, Config, chosen_config, preset, read_config, write_config
+from dynhair.config import Config, read_config, write_config
 from dynhair.errors import DynhairError
+from dynhair.presets import PRESETS, chosen_config, preset
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -15,7 +15,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 if TYPE_CHECKING:
     from dynhair.avatar import Avatar, LiveAvatar, Recording
     from dynhair.capture import Capture
-    from dynhair.config import PRESETS
+    from dynhair.presets import PRESETS
     from dynhair.training.trainer import train
 
 __version__ = "0.1.0"
@@ -25,7 +25,7 @@ _HOMES = {
     "Avatar": "avatar",
     "Capture": "capture",
     "LiveAvatar": "avatar",
-    "PRESETS": "config",
+    "PRESETS": "presets",
     "Recording": "avatar",
     "train": "training.trainer",
 }

@@ -159,7 +159,7 @@ def train(
         resume: Go on with the run in OUT, with its own configuration.
     """
     from dynhair.ablations import ablated
-    from dynhair.config import chosen_config
+    from dynhair.presets import chosen_config
     from dynhair.training.trainer import train as train_avatar
 
     chosen = ablated(chosen_config(preset, config, iterations, seed, deformer), ablation)

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from rich.console import Console
 
-from dynhair.config import preset
 from dynhair.errors import DynhairError
 from dynhair.evaluation import Appearance, run_evaluation
+from dynhair.presets import preset
 from dynhair.training.trainer import train
 
 

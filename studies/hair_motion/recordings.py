@@ -43,19 +43,23 @@ class Recorded:
     signals: MotionSignals
 
 
-def recorded(path: Path, origin: Float[np.ndarray, "3"] | None = None) -> Recorded:
+def recorded(path: Path, about_roots: bool = False) -> Recorded:
     """Read what `simulation.simulated` wrote; its first frame is the canonical hair.
 
     Args:
         path: of the file.
-        origin: what of the head counts as the head frame's origin for the signals, metres; that itself if None.
+        about_roots: whether the mean of the roots is the origin of the head frame, in the place of the simulated
+            head's, which other heads have elsewhere.
     """
     with np.load(path, allow_pickle=False) as arrays:
         guides, rotations, translations = (arrays[name] for name in ("guides", "rotations", "translations"))
+    if about_roots:
+        origin = guides[0, :, 0].mean(0)
+        guides, translations = guides - origin, translations + rotations @ origin
     hair = torch.from_numpy(guides)
     track = HeadTrack(
         rotations=rotations,
-        translations=translations if origin is None else translations + rotations @ origin,
+        translations=translations,
         expressions=np.zeros((len(rotations), 0), np.float32),
         fps=FPS,
         gravity=GRAVITY,

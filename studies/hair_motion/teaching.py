@@ -13,18 +13,16 @@ import argparse
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # before torch starts its threads
 
-import numpy as np
 import safetensors.torch
 import torch
 from rich.console import Console
 from studies.hair_motion.grooms import GROOMS
 from studies.hair_motion.motions import ELEVEN, HALTS, MORE
-from studies.hair_motion.recordings import Recorded, mirrored, recorded
+from studies.hair_motion.recordings import mirrored, recorded
 from studies.hair_motion.simulation import simulated
 from studies.hair_motion.strand_dynamics import RATE, fit
 
@@ -34,15 +32,7 @@ from dynhair.progress import StageProgress
 from dynhair.storage import atomic_file
 
 MOTIONS = (*ELEVEN, *MORE[:20], *HALTS)
-STEPS, NOISE = 2600, 0.05
-
-
-def about_roots(path: Path) -> Recorded:
-    """A simulated motion in a head frame with its origin in the mean of the roots: other heads have it elsewhere."""
-    with np.load(path, allow_pickle=False) as arrays:
-        origin = arrays["guides"][0, :, 0].mean(0)
-    motion = recorded(path, origin)
-    return replace(motion, canonical=motion.canonical - torch.from_numpy(origin))
+STEPS, NOISE, SEED = 2600, 0.05, 0
 
 
 def lessons(folder: Path) -> Iterator[tuple[str, str, Path]]:
@@ -50,6 +40,20 @@ def lessons(folder: Path) -> Iterator[tuple[str, str, Path]]:
     for groom in GROOMS:
         for motion in MOTIONS:
             yield groom, motion, simulated(folder / "simulated", groom, motion)
+
+
+def recipe(steps: int) -> dict[str, str]:
+    """How a network was made, which its file keeps for whoever asks."""
+    return {
+        "made_by": "studies.hair_motion.teaching",
+        "grooms": " ".join(GROOMS),
+        "motions": " ".join(MOTIONS),
+        "mirrored": "yes",
+        "steps": str(steps),
+        "rate": str(RATE),
+        "noise": str(NOISE),
+        "seed": str(SEED),
+    }
 
 
 def teach(folder: Path, console: Console, steps: int = STEPS) -> Path:
@@ -62,15 +66,16 @@ def teach(folder: Path, console: Console, steps: int = STEPS) -> Path:
     with StageProgress(console).shown() as bars:
         stage = bars.stage("simulating", len(GROOMS) * len(MOTIONS))
         for done, (groom, name, path) in enumerate(lessons(folder), start=1):
-            motions.append(about_roots(path))
+            motions.append(recorded(path, about_roots=True))
             stage.update(done, f"{groom} {name}")
-        torch.manual_seed(0)
+        torch.manual_seed(SEED)
         network = StrandDynamics(POINTS, HIDDEN, torch.stack([each.canonical.mean((0, 1)) for each in motions]).mean(0))
         stage = bars.stage("teaching", steps)
         fit(network, [*motions, *map(mirrored, motions)], steps, RATE, NOISE, lambda done: stage.update(done, ""))
     path = folder / TAUGHT
     with atomic_file(path) as temporary:
-        safetensors.torch.save_file({name: value.half() for name, value in network.state_dict().items()}, temporary)
+        tensors = {name: value.half() for name, value in network.state_dict().items()}
+        safetensors.torch.save_file(tensors, temporary, metadata=recipe(steps))
     return path
 
 

@@ -18,8 +18,8 @@ from dynhair.animation.expressions import carried_expressions
 from dynhair.animation.sources import names_segment
 from dynhair.avatar import Avatar
 from dynhair.capture import Capture, ExpressionBasis, HeadTrack
-from dynhair.config import preset
 from dynhair.errors import DynhairError
+from dynhair.presets import preset
 from dynhair.training import capture_recording
 from dynhair.training.run import Run
 from synthetic import write_synthetic_capture

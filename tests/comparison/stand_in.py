@@ -14,7 +14,7 @@ from dynhair.comparison.plan import ablated_rows, tasks
 from dynhair.comparison.record import Comparison
 from dynhair.comparison.schedule import Schedule
 from dynhair.comparison.workers import Workers
-from dynhair.config import preset
+from dynhair.presets import preset
 
 _ROW = """
 import json, os, pathlib, signal, sys, time

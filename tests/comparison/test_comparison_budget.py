@@ -11,7 +11,7 @@ import pytest
 
 from dynhair.comparison import budget
 from dynhair.comparison.budget import MemoryEstimates, available_memory, memory_budget, peak_memory, stated_memory
-from dynhair.config import PRESETS, preset
+from dynhair.presets import PRESETS, preset
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="the system does not say")
 GB = 1_000_000_000

@@ -13,7 +13,8 @@ from rich.console import Console
 from dynhair.comparison.options import RowOptions
 from dynhair.comparison.record import Comparison
 from dynhair.comparison.run import run_ablation, run_comparison
-from dynhair.config import PRESETS, Config, DeformerConfig, HairConfig, HeadConfig, StaticConfig, TrainingConfig
+from dynhair.config import Config, DeformerConfig, HairConfig, HeadConfig, StaticConfig, TrainingConfig
+from dynhair.presets import PRESETS
 from dynhair.storage import read_json
 from synthetic import write_synthetic_capture
 

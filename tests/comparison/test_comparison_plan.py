@@ -15,7 +15,7 @@ from dynhair.comparison.record import Comparison
 from dynhair.comparison.rows import begin, shared_files
 from dynhair.comparison.run import METHODS
 from dynhair.comparison.schedule import Schedule
-from dynhair.config import preset
+from dynhair.presets import preset
 
 
 @given(st.lists(st.sampled_from(METHODS), min_size=1, unique=True), st.lists(st.integers(0, 3), min_size=1))

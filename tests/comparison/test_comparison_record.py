@@ -12,8 +12,9 @@ from stand_in import comparison_of
 
 from dynhair.comparison.record import COMPARISON, Comparison
 from dynhair.comparison.rows import begin
-from dynhair.config import Config, preset
+from dynhair.config import Config
 from dynhair.errors import DynhairError
+from dynhair.presets import preset
 
 
 def changed(config: Config, **training: Any) -> Config:

@@ -18,8 +18,8 @@ from dynhair.comparison.plan import compared_rows
 from dynhair.comparison.record import Comparison, Row
 from dynhair.comparison.row import INTERRUPTED, main, make_row, tuning_minutes
 from dynhair.comparison.rows import begin
-from dynhair.config import preset
 from dynhair.errors import DynhairError
+from dynhair.presets import preset
 
 
 class Calls(list[tuple[str, dict[str, Any]]]):

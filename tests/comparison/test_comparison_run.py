@@ -20,8 +20,8 @@ from dynhair.comparison.folder_lock import locked
 from dynhair.comparison.options import RowOptions
 from dynhair.comparison.record import COMPARISON, Comparison
 from dynhair.comparison.run import run_ablation, run_comparison
-from dynhair.config import preset
 from dynhair.errors import DynhairError
+from dynhair.presets import preset
 from dynhair.training.run import Run
 from synthetic import write_synthetic_capture
 

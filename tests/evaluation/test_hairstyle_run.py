@@ -15,12 +15,12 @@ from rich.console import Console
 from dynhair.avatar import Hair
 from dynhair.camera import Camera
 from dynhair.capture import Capture, HeadTrack
-from dynhair.config import preset
 from dynhair.editing import Thin, Trim, Width
 from dynhair.errors import DynhairError
 from dynhair.evaluation import run as evaluation_run
 from dynhair.evaluation.hairstyle import HairstyleScores, hairstyle_scores
 from dynhair.evaluation.run import RunEvaluation, run_evaluation
+from dynhair.presets import preset
 from dynhair.storage import read_json
 from dynhair.training.run import Run, write_hair
 from synthetic import HEAD_ORIGIN, write_synthetic_capture

@@ -19,11 +19,11 @@ from torch import Tensor
 
 from dynhair.camera import Camera
 from dynhair.capture import Capture, ExpressionBasis, HeadTrack, Segment
-from dynhair.config import preset
 from dynhair.errors import DynhairError
 from dynhair.evaluation import run as evaluation_run
 from dynhair.evaluation.reenactment import NO_TRUTH, OWN_FIGURES
 from dynhair.evaluation.retargeting import Retargeting, another_person
+from dynhair.presets import preset
 from dynhair.storage import read_json
 from dynhair.training.run import Run
 from synthetic import HEAD_ORIGIN, POINTS, write_synthetic_capture

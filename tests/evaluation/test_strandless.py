@@ -15,7 +15,7 @@ from stand_ins import CAMERAS, SEGMENTS, StandInAvatar, StandInCapture, StandInP
 
 from dynhair.camera import Camera
 from dynhair.capture import Capture, HeadTrack
-from dynhair.config import Config, preset
+from dynhair.config import Config
 from dynhair.evaluation.appearance import Appearance
 from dynhair.evaluation.cost import Stopwatch
 from dynhair.evaluation.definitions import SILHOUETTE_FIGURES, STRAND_FIGURES
@@ -23,6 +23,7 @@ from dynhair.evaluation.held_out import HeldOutViews, held_out_views
 from dynhair.evaluation.protocol import evaluate_avatar
 from dynhair.evaluation.records import Evaluation
 from dynhair.evaluation.series import SERIES, Series, write_series
+from dynhair.presets import preset
 from dynhair.training.run import Run
 from synthetic import write_synthetic_capture
 

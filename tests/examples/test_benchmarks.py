@@ -10,7 +10,8 @@ import pytest
 import torch
 
 from dynhair.capture import Capture
-from dynhair.config import PRESETS, DeformerKind, HairConfig, with_deformer
+from dynhair.config import DeformerKind, HairConfig, with_deformer
+from dynhair.presets import PRESETS
 from synthetic import write_synthetic_capture
 
 UNTRAINED = Path(__file__).parents[2] / "benchmarks" / "untrained.py"

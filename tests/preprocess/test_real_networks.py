@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from dynhair.avatar import Avatar
 from dynhair.capture import Capture
-from dynhair.config import PRESETS
 from dynhair.preprocess.pipeline import preprocess
+from dynhair.presets import PRESETS
 from dynhair.training.trainer import train
 
 pytestmark = pytest.mark.slow

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.resources import as_file, files
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from rich.console import Console
 from scipy.spatial.transform import Rotation
 from studies.hair_motion import teaching
 from studies.hair_motion.motions import FPS, HALTING_FRAMES, HALTS, head_motion
+from studies.hair_motion.recordings import recorded
 
 from dynhair.avatar.strand_dynamics import POINTS, TAUGHT, StrandDynamics
 
@@ -34,7 +36,7 @@ def simulation(path: Path, motion: str) -> Path:
 
 def test_a_lesson_is_counted_from_the_roots(tmp_path: Path) -> None:
     path = simulation(tmp_path / "turn.npz", "turn")
-    lesson, moved = teaching.about_roots(path), head_motion("turn")
+    lesson, moved = recorded(path, about_roots=True), head_motion("turn")
     with np.load(path) as arrays:
         origin = arrays["guides"][0, :, 0].mean(0)
     assert lesson.canonical[:, 0].mean(0).abs().max() < 1e-6
@@ -73,3 +75,10 @@ def test_what_is_taught_is_written_and_the_same_again(tmp_path: Path, monkeypatc
     for name, values in StrandDynamics.taught().state_dict().items():
         assert first[name].shape == values.shape
         assert torch.equal(first[name], again[name])
+    with safetensors.safe_open(tmp_path / TAUGHT, "pt") as file:
+        assert file.metadata() == teaching.recipe(3)
+
+
+def test_what_is_bundled_says_how_it_was_made() -> None:
+    with as_file(files("dynhair.avatar") / TAUGHT) as path, safetensors.safe_open(path, "pt") as file:
+        assert file.metadata() == teaching.recipe(teaching.STEPS)

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from dynhair.config import preset
 from dynhair.errors import DynhairError
+from dynhair.presets import preset
 from dynhair.training.run import Run, avatar_folder, read_hair, trained_capture, write_hair
 
 

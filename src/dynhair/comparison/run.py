@@ -22,8 +22,9 @@ from dynhair.comparison.rows import done, take_avatar, take_hair
 from dynhair.comparison.schedule import Schedule
 from dynhair.comparison.watching import result_table
 from dynhair.comparison.workers import Command, Workers, row_command
-from dynhair.config import PRESETS, Config, DeformerKind, chosen_config
+from dynhair.config import Config, DeformerKind
 from dynhair.errors import DynhairError
+from dynhair.presets import PRESETS, chosen_config
 from dynhair.threads import thread_count
 from dynhair.training.frames import training_segments
 from dynhair.training.run import Run
