@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynhair.avatar import StrandDeformer
-from dynhair.avatar.strand_dynamics import POINTS
+from dynhair.avatar.strand_deformer import GRADED
+from dynhair.avatar.strand_dynamics import POINTS, StrandStates
 from dynhair.avatar.strand_memory import StrandMemory
 from dynhair.config import DeformerConfig
 from dynhair.motion import GRAVITY, motion_window
@@ -81,6 +82,28 @@ def test_before_a_motion_the_head_holds_still() -> None:
     hanging, before = (deformer(motion_window(each, 0, 15)) for each in (tilted, spinning))
     assert hanging.abs().max() > 1e-3
     torch.testing.assert_close(hanging, before)
+
+
+@pytest.mark.parametrize("frames", [2, GRADED, GRADED + 1, GRADED + 20])
+def test_gradients_go_back_so_many_frames(frames: int) -> None:
+    deformer, window = StrandDeformer(canonical(), CONFIG), conditions(frames)
+    aim = 0.02 * torch.randn(20, POINTS, 3, generator=torch.Generator().manual_seed(5))
+
+    def displaced(states: StrandStates) -> torch.Tensor:
+        return torch.einsum("lk,nkc->nlc", deformer.along, deformer.following(states))
+
+    def gradient(moved: torch.Tensor) -> torch.Tensor:
+        return torch.autograd.grad((moved - aim).square().sum(), deformer.dynamics.of_points.weight)[0]
+
+    begun = deformer.begun(window)
+    early = max(len(begun) - GRADED, 1)
+    with torch.no_grad():
+        start = deformer.states(begun[:early])
+    moved, whole = deformer(window), displaced(deformer.states(begun))
+    torch.testing.assert_close(moved, whole, rtol=1e-4, atol=1e-6)
+    found, through_all = gradient(moved), gradient(whole)
+    torch.testing.assert_close(found, gradient(displaced(deformer.states(begun[early - 1 :], start))))
+    assert torch.allclose(found, through_all, rtol=1e-3, atol=1e-6) == (len(begun) <= GRADED + 1)
 
 
 @torch.no_grad()

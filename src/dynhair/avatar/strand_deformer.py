@@ -23,6 +23,10 @@ SOFTENING = 0.005
 HANGING = 0.02
 """Radians, and parts of gravity: a motion that begins closer to rest begins with resting hair."""
 
+GRADED = 45
+"""Frames of a window, its last, through which gradients go. Hair forgets: of trained dynamics, cosines between these
+gradients and those through 66 frames were 0.998 and more, and with 30 frames 0.93 and more."""
+
 SETTLING = 60
 """Frames that hair is given to settle on a head that is held otherwise."""
 
@@ -130,8 +134,12 @@ class StrandDeformer(HairDeformer):
         return (guides.placed[0, self.followed] * self.shares[..., None, None]).sum(1)
 
     def forward(self, window: Float[Tensor, "t c"]) -> Float[Tensor, "n l 3"]:
-        """As :meth:`HairDeformer.forward`."""
-        return torch.einsum("lk,nkc->nlc", self.along, self.following(self.states(self.begun(window))))
+        """As :meth:`HairDeformer.forward`; gradients go `GRADED` frames back."""
+        window = self.begun(window)
+        before = max(len(window) - GRADED, 1)
+        with torch.no_grad():
+            start = self.states(window[:before])
+        return torch.einsum("lk,nkc->nlc", self.along, self.following(self.states(window[before - 1 :], start)))
 
     def _head(self, window: Float[Tensor, "t c"]) -> HeadMotions:
         """What the window's columns say of the head's motion; what the hair does not see is nothing."""

@@ -131,58 +131,65 @@ class StrandDynamics(nn.Module):
             noise: standard deviation of what is added to what the network sees of displacements and velocities, anew in
                 each frame, in its units: errors of its own that it is taught to live with.
         """
+        by_state, constant, resting = self._inputs(rest, head)
         placed, velocity = (torch.zeros_like(rest),) * 2 if start is None else start
-        linear, constant, resting = self._inputs(rest, head)
-        kept, scale = torch.sigmoid(-self.loss_logit), STEP * self.freedom
-        reach = 2 * functional.pad(segment_lengths(rest.flatten(0, 1)).cumsum(-1), (1, 0)).view(*rest.shape[:-1], 1)
-        at_rest = self._gain(resting)
-        units = rest.new_tensor([PLACE] * 3 + [STEP] * 3)
+        placed, velocity = placed.flatten(-2), velocity.flatten(-2)
+        kept = torch.sigmoid(-self.loss_logit).expand(-1, 3).flatten()
+        gain = (STEP * self.freedom).expand(-1, 3).reshape(-1, 1) * self.gain.weight
+        reach = 2 * functional.pad(segment_lengths(rest.flatten(0, 1)).cumsum(-1), (1, 0))
+        reach = reach.view(rest.shape[:-1]).repeat_interleave(3, -1)
+        units = rest.new_tensor([PLACE, STEP]).repeat_interleave(placed.shape[-1])
+        at_rest = functional.linear(self._hidden(resting), gain)
         displacements = [placed]
         # unbound, for the gradient of one frame of a tensor is as large as the tensor
-        for by_state, given in zip(linear.unbind(1)[1:], constant.unbind(1)[1:], strict=True):
+        for weights, given in zip(by_state.unbind(1)[1:], constant.unbind(1)[1:], strict=True):
             state = torch.cat([placed, velocity], -1)
             if noise:
                 state = state + noise * units * torch.randn_like(state)
-            seen = (state.flatten(1, 2) @ by_state).view(*rest.shape[:2], -1)
-            gained = self._gain(functional.linear(seen, self.of_points.weight) + given) - at_rest
+            hidden = self._hidden(torch.baddbmm(given, state, weights))
             before = placed
-            placed = ((1 - FORGOTTEN) * before + kept * velocity + scale * gained.view_as(velocity)).clamp(
-                -reach, reach
-            )
+            placed = (1 - FORGOTTEN) * before + kept * velocity + functional.linear(hidden, gain) - at_rest
+            placed = placed.clamp(-reach, reach)
             velocity = placed - before
             displacements.append(placed)
-        return torch.stack(displacements, 1)
+        return torch.stack(displacements, 1).unflatten(-1, (-1, 3))
 
-    def _gain(self, first: Float[Tensor, "m n h"]) -> Float[Tensor, "m n _"]:
-        """What a strand gains, from the sums of the first layer."""
-        return self.gain(functional.silu(self.middle(functional.silu(first))))
+    def _hidden(self, first: Float[Tensor, "m n h"]) -> Float[Tensor, "m n h"]:
+        """What the last layer sees of a strand, from the sums of the first."""
+        return functional.silu(self.middle(functional.silu(first)))
 
     def _inputs(
         self, rest: Float[Tensor, "m n k 3"], head: HeadMotions
-    ) -> tuple[Float[Tensor, "m f 6 12"], Float[Tensor, "m f n h"], Float[Tensor, "m n h"]]:
-        """What is seen of a point's displacement and velocity, the rest of the first layer, and that at rest."""
+    ) -> tuple[Float[Tensor, "m f s h"], Float[Tensor, "m f n h"], Float[Tensor, "m n h"]]:
+        """The first layer: its weights of a strand's displacements, then velocities; the rest of it; that at rest.
+
+        The rest of it is linear in the matrices that turn and pull in a frame. What a strand makes of each of their
+        entries is worked out once, and a frame is a sum of these.
+        """
         motions, frames, _ = head.omega.shape
         turn = so3_exp(head.turn)
         by_place, by_velocity = inertial_pull(head.omega, head.alpha)
         same = torch.eye(3).to(rest).expand(motions, frames, 3, 3)
         none = torch.zeros_like(same)
-        linear = torch.cat(
-            [
-                torch.cat([same / PLACE, none, by_place / PULL, turn / PLACE], -2),
-                torch.cat([none, same / STEP, FPS * by_velocity / PULL, none], -2),
-            ],
-            -1,
-        ).mT
-        pulled = torch.einsum("mfcd,mnkd->mfnkc", by_place, rest) + head.weight[:, :, None, None]
-        slid = torch.einsum("mfcd,mnkd->mfnkc", turn - same, rest - self.neck)
-        still = torch.zeros_like(pulled)
-        of_points = torch.cat([still, still, pulled / PULL, slid / PLACE], -1).flatten(-2)
+        of_place = torch.cat([same / PLACE, none, by_place / PULL, turn / PLACE], -2)
+        of_velocity = torch.cat([none, same / STEP, FPS * by_velocity / PULL, none], -2)
+        weights = self.of_points.weight.unflatten(-1, (-1, 12))
+        by_state = torch.einsum("mfsdc,hkd->mfskch", torch.stack([of_place, of_velocity], 2), weights).flatten(2, 4)
+
         lies = rest - self.neck
         roots = positional_encoding(lies[:, :, 0] / ROOT_UNIT, ROOT_FREQUENCIES)
         resting = self.of_rest(torch.cat([lies.flatten(-2) / REST_UNIT, roots], -1)) + self.of_points.bias
+        of_pull, of_slide = weights[..., 6:9] / PULL, weights[..., 9:] / PLACE
+        made = [
+            torch.einsum("hkc,mnkd->mcdnh", of_pull, rest).flatten(1, 2),
+            torch.einsum("hkc,mnkd->mcdnh", of_slide, lies).flatten(1, 2),
+            resting[:, None],
+        ]
+        turning = [by_place.flatten(-2), (turn - same).flatten(-2), torch.ones_like(head.omega[..., :1])]
+        of_strands = torch.cat(turning, -1) @ torch.cat(made, 1).flatten(2)
         moved = torch.cat([head.omega / OMEGA, head.alpha / ALPHA, head.weight / PULL], -1)
-        of_head = self.of_head(moved)[:, :, None]
-        return linear, functional.linear(of_points, self.of_points.weight) + resting[:, None] + of_head, resting
+        of_head = self.of_head(moved) + functional.linear(head.weight, of_pull.sum(1))
+        return by_state, of_strands.unflatten(-1, resting.shape[1:]) + of_head[:, :, None], resting
 
 
 def inertial_pull(
