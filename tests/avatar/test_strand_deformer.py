@@ -9,14 +9,14 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynhair.avatar import StrandDeformer
-from dynhair.avatar.strand_deformer import GRADED
-from dynhair.avatar.strand_dynamics import POINTS, StrandStates
+from dynhair.avatar import StrandDeformer, strand_deformer
+from dynhair.avatar.strand_dynamics import FPS, POINTS, StrandStates
 from dynhair.avatar.strand_memory import StrandMemory
 from dynhair.config import DeformerConfig
 from dynhair.motion import GRAVITY, motion_window
 from dynhair.strands import resample_strands
 
+GRADED = round(strand_deformer.GRADED * FPS)
 CONFIG = DeformerConfig(kind="strands", history=15, guides=6, turn=True)
 
 
@@ -54,6 +54,18 @@ def test_each_guide_moves_as_dynamics_say() -> None:
     spread = deformer.guides.flatten(1)
     order = torch.cdist(resample_strands(hair, POINTS).flatten(1), spread).argmin(1)
     torch.testing.assert_close(deformer.following(states), moved[0, -1, order], rtol=0, atol=2e-3)
+
+
+@torch.no_grad()
+def test_hair_swings_as_fast_in_frames_of_any_length() -> None:
+    hair, second = canonical(), conditions(31)
+    times = torch.linspace(0, 1, 61)
+    between = torch.lerp(second[(30 * times).long()], second[(30 * times).ceil().long()], (30 * times[:, None]) % 1)
+    moved, sooner, unaware = (
+        StrandDeformer(hair, replace(CONFIG, history=60), fps)(window)
+        for fps, window in ((30.0, second), (60.0, between), (30.0, between))
+    )
+    assert (sooner - moved).norm() < 0.5 * (unaware - moved).norm()
 
 
 @torch.no_grad()
@@ -152,9 +164,9 @@ def test_provisional_ends_of_a_live_motion_are_taken_back() -> None:
     memory, steps = StrandMemory(deformer), []
     real = deformer.dynamics.forward
 
-    def counted(rest: torch.Tensor, head: tuple[torch.Tensor, ...], *rest_of_it: object) -> torch.Tensor:
+    def counted(rest: torch.Tensor, head: tuple[torch.Tensor, ...], *others: object, **named: object) -> torch.Tensor:
         steps.append(head[0].shape[1] - 1)
-        return real(rest, head, *rest_of_it)  # pyright: ignore[reportArgumentType]
+        return real(rest, head, *others, **named)  # pyright: ignore[reportArgumentType]
 
     deformer.dynamics.forward = counted  # pyright: ignore[reportAttributeAccessIssue]
     for frame in range(2, 14):

@@ -128,6 +128,25 @@ def test_a_motion_can_be_taken_up_in_any_frame() -> None:
     torch.testing.assert_close(again, whole[:, 20:], rtol=1e-9, atol=1e-12)
 
 
+def test_shorter_frames_come_closer_to_one_motion() -> None:
+    """Halving the frames halves what the next halving changes, as of a semi-implicit step it must."""
+    lively, rest = network(by=0.1), strands()
+
+    def after_a_second(pace: float) -> torch.Tensor:
+        times = torch.arange(round(FPS / pace) + 1, dtype=torch.float64) * pace / FPS
+        signals = [
+            size * (rate * times[:, None] + torch.arange(3)).sin().expand(2, -1, -1) * times[:, None]
+            for size, rate in ((3, 4.0), (20, 5.0), (0.4, 3.0), (4, 6.0))
+        ]
+        with torch.no_grad():
+            return lively(rest, HeadMotions(*signals), pace=pace)[:, -1]
+
+    coarse, fine, finer = (after_a_second(pace) for pace in (0.5, 0.25, 0.125))
+    first, second = (fine - coarse).norm(), (finer - fine).norm()
+    assert finer.norm() > 5 * first
+    assert 0.35 < second / first < 0.65
+
+
 @settings(max_examples=20)
 @given(st.integers(0, 1000), st.floats(0, 3))
 def test_hair_at_rest_stays_there_whatever_is_learned(seed: int, by: float) -> None:

@@ -256,7 +256,9 @@ class Avatar(nn.Module):
         # an avatar that says nothing of knots or of rigid hair was written before there were any
         dynamic, deformer = description.get("dynamic", True), DeformerConfig(**{"knots": 0, **description["deformer"]})
         strands = tensors["hair.deformer.addresses"] if dynamic else tensors["hair.strands"]
-        hair = Hair(strands, float(description["strand_width"]), torch.zeros(3), deformer, dynamic)
+        recording = recording_in(description)
+        rate = {} if recording is None else {"fps": recording.fps}
+        hair = Hair(strands, float(description["strand_width"]), torch.zeros(3), deformer, dynamic, **rate)
         rest = HeadPose(torch.eye(3), torch.zeros(3), torch.zeros(3), torch.zeros(int(description["expression_size"])))
         coefficients, rows, _ = tensors["head.modes.offsets"].shape
         modes = ExpressionModes.blank(len(rest.expression), coefficients, rows)
@@ -264,7 +266,6 @@ class Avatar(nn.Module):
         head = Head(start, torch.zeros(1, 3), rest, HeadConfig(**description["head"]))
         scalp = ScalpLayer.blank(*tensors["scalp.strands"].shape)
         normalizer = SignalNormalizer(deformer)
-        basis, recording = basis_of(description), recording_in(description)
-        avatar = cls(hair, head, normalizer, torch.zeros(3), scalp, basis, recording)
+        avatar = cls(hair, head, normalizer, torch.zeros(3), scalp, basis_of(description), recording)
         avatar.edits = edits_from_json(description.get("edits", []))
         return avatar

@@ -10,6 +10,7 @@ from dynhair.avatar.deformer import HairDeformer, PaperDeformer
 from dynhair.avatar.modal import ModalDeformer
 from dynhair.avatar.spherical_harmonics import COEFFICIENTS, constant_coefficient
 from dynhair.avatar.strand_deformer import StrandDeformer
+from dynhair.avatar.strand_dynamics import FPS
 from dynhair.config import DeformerConfig
 from dynhair.editing import HairLook
 from dynhair.strands import smooth_strands, with_lengths
@@ -27,10 +28,11 @@ class RigidDeformer(nn.Module):
         return {}
 
 
-def hair_deformer(canonical: Float[Tensor, "n l 3"], config: DeformerConfig) -> HairDeformer:
-    """A fresh deformer of the configured kind."""
-    kinds = {"paper": PaperDeformer, "modal": ModalDeformer, "strands": StrandDeformer}
-    return kinds[config.kind](canonical, config)
+def hair_deformer(canonical: Float[Tensor, "n l 3"], config: DeformerConfig, fps: float = FPS) -> HairDeformer:
+    """A fresh deformer of the configured kind, for motions of so many frames a second."""
+    if config.kind == "strands":
+        return StrandDeformer(canonical, config, fps)
+    return {"paper": PaperDeformer, "modal": ModalDeformer}[config.kind](canonical, config)
 
 
 class Hair(nn.Module):
@@ -42,6 +44,7 @@ class Hair(nn.Module):
         colour: initial colour, in [0, 1].
         deformer: kind and sizes of the deformation network.
         dynamic: whether there is such a network; without it the hair is rigid (paper, "Rigid Hair").
+        fps: frames a second of the motions that it follows.
     """
 
     def __init__(
@@ -51,11 +54,12 @@ class Hair(nn.Module):
         colour: Float[Tensor, "3"],
         deformer: DeformerConfig,
         dynamic: bool = True,
+        fps: float = FPS,
     ) -> None:
         super().__init__()
         self.width = width
         self.strands = nn.Parameter(canonical.clone())
-        self.deformer = hair_deformer(canonical, deformer) if dynamic else RigidDeformer(deformer)
+        self.deformer = hair_deformer(canonical, deformer, fps) if dynamic else RigidDeformer(deformer)
         count = canonical.shape[0] * (canonical.shape[1] - 1)
         self.base_harmonic = nn.Parameter(constant_coefficient(colour)[None, :, None].repeat(1, 1, count))
         self.higher_harmonics = nn.Parameter(torch.zeros(COEFFICIENTS - 1, 3, count))

@@ -8,7 +8,15 @@ from torch import Tensor, nn
 from torch.nn.functional import interpolate
 
 from dynhair.avatar.deformer import HairDeformer
-from dynhair.avatar.strand_dynamics import HIDDEN, POINTS, HeadMotions, StrandDynamics, StrandStates
+from dynhair.avatar.strand_dynamics import (
+    FPS,
+    HIDDEN,
+    POINTS,
+    HeadMotions,
+    StrandDynamics,
+    StrandStates,
+    velocity_between,
+)
 from dynhair.config import DeformerConfig
 from dynhair.motion import GRAVITY, signal_names
 from dynhair.strands import resample_strands
@@ -23,12 +31,12 @@ SOFTENING = 0.005
 HANGING = 0.02
 """Radians, and parts of gravity: a motion that begins closer to rest begins with resting hair."""
 
-GRADED = 45
-"""Frames of a window, its last, through which gradients go. Hair forgets: of trained dynamics, cosines between these
-gradients and those through 66 frames were 0.998 and more, and with 30 frames 0.93 and more."""
+GRADED = 1.5
+"""Seconds of a window, its last, through which gradients go. Hair forgets: of trained dynamics, cosines between these
+gradients and those through 2.2 s were 0.998 and more, and through one second 0.93 and more."""
 
-SETTLING = 60
-"""Frames that hair is given to settle on a head that is held otherwise."""
+SETTLING = 2.0
+"""Seconds that hair is given to settle on a head that is held otherwise."""
 
 
 class StrandDeformer(HairDeformer):
@@ -43,6 +51,7 @@ class StrandDeformer(HairDeformer):
     Args:
         canonical: canonical strands in the head frame, metres.
         config: sizes, and what the hair sees.
+        fps: frames a second of the motions.
     """
 
     guides: Tensor
@@ -50,8 +59,9 @@ class StrandDeformer(HairDeformer):
     shares: Tensor
     along: Tensor
 
-    def __init__(self, canonical: Float[Tensor, "n l 3"], config: DeformerConfig) -> None:
+    def __init__(self, canonical: Float[Tensor, "n l 3"], config: DeformerConfig, fps: float = FPS) -> None:
         super().__init__(canonical, config)
+        self.pace, self.graded, self.settling = FPS / fps, round(GRADED * fps), round(SETTLING * fps)
         knots = resample_strands(canonical, POINTS)
         chosen = farthest_points(canonical.mean(1), config.guides)
         guides = knots[chosen]
@@ -95,11 +105,10 @@ class StrandDeformer(HairDeformer):
         start = self._hanging(window[:1]) if start is None else start
         if len(window) == 1:
             return start
-        moved = self.dynamics(self.guides[None], self._head(window), start)
-        return StrandStates(moved[:, -1], moved[:, -1] - moved[:, -2])
+        return self._last(self.dynamics(self.guides[None], self._head(window), start, pace=self.pace))
 
     def unsettled(self, motion: Float[Tensor, "t c"], count: int, generator: torch.Generator) -> Float[Tensor, ""]:
-        """How far strands still are from rest when, after a motion, the head has been at rest for `SETTLING` frames.
+        """How far strands still are from rest when, after a motion, the head has been at rest for `SETTLING`.
 
         Gradients are of these alone: from wherever the dynamics have taken a strand, they are to bring it back.
 
@@ -114,10 +123,14 @@ class StrandDeformer(HairDeformer):
         chosen = torch.randperm(len(self.guides), generator=generator)[:count]
         strands = self.guides[chosen.to(self.guides.device)][None]
         with torch.no_grad():
-            moved = self.dynamics(strands, self._head(motion))[:, -2:]
-        start = StrandStates(moved[:, -1], moved[:, -1] - moved[:, 0])
-        still = self._head(motion.new_zeros(SETTLING, motion.shape[1]))
-        return self.dynamics(strands, still, start)[0, -SETTLING // 4 :].norm(dim=-1).mean()
+            start = self._last(self.dynamics(strands, self._head(motion), pace=self.pace))
+        still = self._head(motion.new_zeros(self.settling, motion.shape[1]))
+        moved = self.dynamics(strands, still, start, pace=self.pace)
+        return moved[0, -(self.settling // 4) :].norm(dim=-1).mean()
+
+    def _last(self, moved: Float[Tensor, "m f n k 3"]) -> StrandStates:
+        """Strands in the last of two or more frames."""
+        return StrandStates(moved[:, -1], velocity_between(moved[:, -2], moved[:, -1], self.pace))
 
     def _hanging(self, held: Float[Tensor, "1 c"]) -> StrandStates:
         """The guides when they have settled; a head close to rest has resting hair."""
@@ -125,8 +138,8 @@ class StrandDeformer(HairDeformer):
         if bool(held.abs().amax() < HANGING):
             return StrandStates(still, still)
         with torch.no_grad():
-            head = self._head(held.expand(SETTLING, -1))
-            settled = self.dynamics(self.guides[None], head)[:, -1]
+            head = self._head(held.expand(self.settling, -1))
+            settled = self.dynamics(self.guides[None], head, pace=self.pace)[:, -1]
         return StrandStates(settled, still)
 
     def following(self, guides: StrandStates) -> Float[Tensor, "n k 3"]:
@@ -134,9 +147,9 @@ class StrandDeformer(HairDeformer):
         return (guides.placed[0, self.followed] * self.shares[..., None, None]).sum(1)
 
     def forward(self, window: Float[Tensor, "t c"]) -> Float[Tensor, "n l 3"]:
-        """As :meth:`HairDeformer.forward`; gradients go `GRADED` frames back."""
+        """As :meth:`HairDeformer.forward`; gradients go back by `GRADED`."""
         window = self.begun(window)
-        before = max(len(window) - GRADED, 1)
+        before = max(len(window) - self.graded, 1)
         with torch.no_grad():
             start = self.states(window[:before])
         return torch.einsum("lk,nkc->nlc", self.along, self.following(self.states(window[before - 1 :], start)))

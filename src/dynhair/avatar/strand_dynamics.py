@@ -61,7 +61,7 @@ class StrandStates(NamedTuple):
 
     Attributes:
         placed: displacements from rest, head frame, metres.
-        velocity: metres a frame.
+        velocity: metres in the thirtieth of a second that is a frame of what the dynamics are taught by.
     """
 
     placed: Float[Tensor, "m n k 3"]
@@ -121,8 +121,9 @@ class StrandDynamics(nn.Module):
         head: HeadMotions,
         start: StrandStates | None = None,
         noise: float = 0.0,
+        pace: float = 1.0,
     ) -> Float[Tensor, "m f n k 3"]:
-        """Displacements in every frame, metres; a velocity is the difference of two.
+        """Displacements in every frame, metres.
 
         Args:
             rest: the hair at rest, head frame, metres.
@@ -130,12 +131,15 @@ class StrandDynamics(nn.Module):
             start: of the strands in the first frame; at rest if None.
             noise: standard deviation of what is added to what the network sees of displacements and velocities, anew in
                 each frame, in its units: errors of its own that it is taught to live with.
+            pace: how long a frame is, in frames of what it is taught by. What is learned of one is scaled to another as
+                a semi-implicit step of that length.
         """
         by_state, constant, resting = self._inputs(rest, head)
         placed, velocity = (torch.zeros_like(rest),) * 2 if start is None else start
         placed, velocity = placed.flatten(-2), velocity.flatten(-2)
-        kept = torch.sigmoid(-self.loss_logit).expand(-1, 3).flatten()
-        gain = (STEP * self.freedom).expand(-1, 3).reshape(-1, 1) * self.gain.weight
+        kept = torch.sigmoid(-self.loss_logit).expand(-1, 3).flatten() ** pace
+        gain = pace * (STEP * self.freedom).expand(-1, 3).reshape(-1, 1) * self.gain.weight
+        lasting = _lasting(pace)
         reach = 2 * functional.pad(segment_lengths(rest.flatten(0, 1)).cumsum(-1), (1, 0))
         reach = reach.view(rest.shape[:-1]).repeat_interleave(3, -1)
         units = rest.new_tensor([PLACE, STEP]).repeat_interleave(placed.shape[-1])
@@ -148,9 +152,9 @@ class StrandDynamics(nn.Module):
                 state = state + noise * units * torch.randn_like(state)
             hidden = self._hidden(torch.baddbmm(given, state, weights))
             before = placed
-            placed = (1 - FORGOTTEN) * before + kept * velocity + functional.linear(hidden, gain) - at_rest
-            placed = placed.clamp(-reach, reach)
-            velocity = placed - before
+            faster = kept * velocity + functional.linear(hidden, gain) - at_rest
+            placed = (lasting * before + pace * faster).clamp(-reach, reach)
+            velocity = velocity_between(before, placed, pace)
             displacements.append(placed)
         return torch.stack(displacements, 1).unflatten(-1, (-1, 3))
 
@@ -207,6 +211,19 @@ def inertial_pull(
     """
     spin = cross_matrix(omega)
     return -cross_matrix(alpha) - spin @ spin, -2 * spin
+
+
+def velocity_between(before: Tensor, after: Tensor, pace: float = 1.0) -> Tensor:
+    """Velocity of strands, as the next frame takes it up, by their displacements in two frames.
+
+    Forgetting slows strands down as well: as much in a second, whatever the pace.
+    """
+    return (after - _lasting(pace) * before) / pace - pace * FORGOTTEN * before
+
+
+def _lasting(pace: float) -> float:
+    """Share of a displacement that lasts for a frame."""
+    return (1 - FORGOTTEN) ** pace
 
 
 @cache

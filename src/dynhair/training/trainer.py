@@ -184,8 +184,9 @@ class _Training:
         checkpoint = Checkpoint.read(self.run.checkpoint) if self.run.checkpoint.exists() else None
         torch.manual_seed(seed + 1)
         strands = resample_strands(strands, self.config.hair.points)
-        deformer = self.config.hair.deformer
-        hair = Hair(strands, strand_width(len(strands)), self._hair_colour(), deformer, self.config.hair.dynamic)
+        width, colour = strand_width(len(strands)), self._hair_colour()
+        deformer, dynamic = self.config.hair.deformer, self.config.hair.dynamic
+        hair = Hair(strands, width, colour, deformer, dynamic, float(self.capture.fps))
         use_precision(hair, self._precision)
         signals = [motion_signals(self.capture.track(segment)) for segment in self.segments]
         normalizer = SignalNormalizer.fit(signals, deformer, head_at_rest(self.capture))
