@@ -79,6 +79,7 @@ ROWS: dict[str, Row | Dynamics] = {
     "24 modes, fixed units, noise, turns, torso": Row(MODES, turns=True, torso=True, fixed=True, noise=NOISE),
     "24 modes, all and mirrored": Row(MODES, turns=True, torso=True, fixed=True, noise=NOISE, mirror=True),
     "strand dynamics": Dynamics(),
+    "strand dynamics, beside other hair": Dynamics(beside=True),
 }
 
 Predictor = Callable[[Recorded], Float[Tensor, "f n k 3"]]
@@ -89,7 +90,13 @@ def thinned(motion: Recorded, every: int = EVERY) -> Recorded:
     return replace(motion, canonical=motion.canonical[::every], displacements=motion.displacements[:, ::every])
 
 
-def fitted(row: Row | Dynamics, motions: Sequence[Recorded], seed: int = 0, steps: int | None = None) -> Predictor:
+def fitted(
+    row: Row | Dynamics,
+    motions: Sequence[Recorded],
+    seed: int = 0,
+    steps: int | None = None,
+    others: Sequence[Recorded] = (),
+) -> Predictor:
     """Fit a deformer, or dynamics of strands, to motions of the same hair.
 
     The loss is the mean distance from the true points, in which what is explained is measured.
@@ -99,6 +106,7 @@ def fitted(row: Row | Dynamics, motions: Sequence[Recorded], seed: int = 0, step
         motions: to learn from.
         seed: of weights and batches.
         steps: of the optimiser; by default as many as the study takes.
+        others: of other hair, for a row that learns beside it.
 
     Returns:
         What predicts a motion's displacements from its signals and the hair at rest.
@@ -110,7 +118,7 @@ def fitted(row: Row | Dynamics, motions: Sequence[Recorded], seed: int = 0, step
         raise DynhairError("no motion to learn from", expected="one or more")
     torch.manual_seed(seed)
     if isinstance(row, Dynamics):
-        return fitted_dynamics(row, motions, DYNAMICS_STEPS if steps is None else steps)
+        return fitted_dynamics(row, motions, DYNAMICS_STEPS if steps is None else steps, others)
     kind = row.config.kind
     learned = [*motions, *(mirrored(motion) for motion in motions)] if row.mirror else list(motions)
     normalizer = SignalNormalizer.fit([motion.signals for motion in learned], row.config)

@@ -28,6 +28,9 @@ UNSEEN = ("stop", "random5", "random6", "random7", "nod-stop", "tilt-stop")
 HALTS = tuple(f"halt{number}" for number in range(1, 13))
 """Random motions that halt, rest, turn back and rest again: what hair does when nothing pulls at it any more."""
 
+LESSONS = (*ELEVEN, *MORE[:20], *HALTS)
+"""By which one hairstyle teaches another."""
+
 HALTING_FRAMES = 165
 
 YAW, PITCH, ROLL = 34.0, 15.0, 14.0

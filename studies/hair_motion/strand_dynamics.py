@@ -35,11 +35,13 @@ class Dynamics:
         noise: standard deviation of what is added to a strand's state in training, anew in each frame, as a part of
             `PLACE` and `STEP`: what errors of its own it must live with.
         mirror: whether it learns from mirrored motions as well.
+        beside: whether half of what it learns from is other hair.
     """
 
     hidden: int = 256
     noise: float = 0.03
     mirror: bool = True
+    beside: bool = False
 
 
 def head_motions(motions: Sequence[Recorded], frames: slice = slice(None)) -> HeadMotions:
@@ -54,7 +56,7 @@ def head_motions(motions: Sequence[Recorded], frames: slice = slice(None)) -> He
 
 
 def fitted_dynamics(
-    row: Dynamics, motions: Sequence[Recorded], steps: int = STEPS
+    row: Dynamics, motions: Sequence[Recorded], steps: int = STEPS, others: Sequence[Recorded] = ()
 ) -> Callable[[Recorded], Float[Tensor, "f n k 3"]]:
     """Learn dynamics from motions of the same hair.
 
@@ -62,13 +64,16 @@ def fitted_dynamics(
         row: sizes.
         motions: to learn from, one or more.
         steps: of the optimiser.
+        others: of other hair, for a row that learns beside it.
 
     Returns:
         What predicts a motion's displacements from its signals and the hair at rest.
     """
     hair = motions[0].canonical
     network = StrandDynamics(hair.shape[1], row.hidden, neck=hair.mean((0, 1)))
-    learned = [*motions, *(mirrored(motion) for motion in motions)] if row.mirror else motions
+    learned = [*motions] * max(1, round(len(others) / len(motions))) + [*others]
+    if row.mirror:
+        learned = [*learned, *map(mirrored, learned)]
     fit(network, learned, steps, RATE, row.noise)
 
     @torch.no_grad()
@@ -120,7 +125,7 @@ def fit(
 def _loss(network: StrandDynamics, batch: Sequence[Recorded], noise: float, windowed: bool) -> Tensor:
     """Mean distance over one piece of each motion, metres."""
     pieces = [_piece(motion, windowed) for motion in batch]
-    strands = torch.randperm(len(batch[0].canonical))[:STRANDS]
+    strands = torch.randperm(min(len(motion.canonical) for motion in batch))[:STRANDS]
     rest = torch.stack([motion.canonical[strands] for motion in batch])
     true = torch.stack([motion.displacements[piece, strands] for motion, piece in zip(batch, pieces, strict=True)])
     starts = [

@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 from studies.hair_motion.fitting import ROWS, fitted, score, thinned
 from studies.hair_motion.grooms import GROOMS
-from studies.hair_motion.motions import ELEVEN, MORE, UNSEEN
+from studies.hair_motion.motions import ELEVEN, LESSONS, MORE, UNSEEN
 from studies.hair_motion.recordings import Recorded, explained, recorded
 from studies.hair_motion.simulation import simulated
 from studies.hair_motion.strand_dynamics import Dynamics
@@ -73,6 +73,8 @@ def simulate_all(folder: Path, work: Sequence[Job], console: Console) -> None:
             wanted[job.groom, name, 0.0] = None
         for name in DISTURBED:
             wanted[job.groom, name, DISTURBANCE] = None
+        for groom, name in _lessons(job):
+            wanted[groom, name, 0.0] = None
     with StageProgress(console).shown() as bars:
         stage = bars.stage("simulating", len(wanted))
         for done, (groom, name, disturbance) in enumerate(wanted, start=1):
@@ -117,7 +119,8 @@ def _result(folder: Path, job: Job) -> dict[str, object]:
     motions = [thinned(motion) for motion in whole]
     started = time.process_time()
     # to dynamics each strand is one more example; a deformer belongs to its strands
-    predictor = fitted(row, whole if isinstance(row, Dynamics) else motions, job.seed)
+    beside = [_recorded(folder, groom, name) for groom, name in _lessons(job)]
+    predictor = fitted(row, whole if isinstance(row, Dynamics) else motions, job.seed, others=beside)
     seconds = time.process_time() - started
     held_out = [name for name in MORE if name not in LEARNED[: job.motions]]
     validation = [name for name in held_out if (folder / "simulated" / job.groom / f"{name}.npz").exists()]
@@ -133,6 +136,14 @@ def _result(folder: Path, job: Job) -> dict[str, object]:
         "validation": score(predictor, others) if others else None,
         "unseen": {motion.name: explained(predictor(motion), motion.displacements) for motion in unseen},
     }
+
+
+def _lessons(job: Job) -> list[tuple[str, str]]:
+    """Groom and motion of all other hair that a fit learns beside."""
+    row = ROWS[job.row]
+    if not (isinstance(row, Dynamics) and row.beside):
+        return []
+    return [(groom, name) for groom in GROOMS if groom != job.groom for name in LESSONS]
 
 
 def _thinned(folder: Path, groom: str, names: Sequence[str]) -> list[Recorded]:

@@ -21,7 +21,7 @@ import safetensors.torch
 import torch
 from rich.console import Console
 from studies.hair_motion.grooms import GROOMS
-from studies.hair_motion.motions import ELEVEN, HALTS, MORE
+from studies.hair_motion.motions import LESSONS
 from studies.hair_motion.recordings import mirrored, recorded
 from studies.hair_motion.simulation import simulated
 from studies.hair_motion.strand_dynamics import RATE, fit
@@ -31,14 +31,13 @@ from dynhair.errors import DynhairError
 from dynhair.progress import StageProgress
 from dynhair.storage import atomic_file
 
-MOTIONS = (*ELEVEN, *MORE[:20], *HALTS)
 STEPS, NOISE, SEED = 2600, 0.05, 0
 
 
 def lessons(folder: Path) -> Iterator[tuple[str, str, Path]]:
     """Groom, motion and file of all that teaches."""
     for groom in GROOMS:
-        for motion in MOTIONS:
+        for motion in LESSONS:
             yield groom, motion, simulated(folder / "simulated", groom, motion)
 
 
@@ -47,7 +46,7 @@ def recipe(steps: int) -> dict[str, str]:
     return {
         "made_by": "studies.hair_motion.teaching",
         "grooms": " ".join(GROOMS),
-        "motions": " ".join(MOTIONS),
+        "motions": " ".join(LESSONS),
         "mirrored": "yes",
         "steps": str(steps),
         "rate": str(RATE),
@@ -64,7 +63,7 @@ def teach(folder: Path, console: Console, steps: int = STEPS) -> Path:
     """
     motions = []
     with StageProgress(console).shown() as bars:
-        stage = bars.stage("simulating", len(GROOMS) * len(MOTIONS))
+        stage = bars.stage("simulating", len(GROOMS) * len(LESSONS))
         for done, (groom, name, path) in enumerate(lessons(folder), start=1):
             motions.append(recorded(path, about_roots=True))
             stage.update(done, f"{groom} {name}")

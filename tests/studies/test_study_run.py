@@ -11,8 +11,9 @@ import pytest
 from made_motions import made_motion
 from rich.console import Console
 from studies.hair_motion import __main__ as command
-from studies.hair_motion.grooms import HeadMesh
-from studies.hair_motion.motions import head_motion
+from studies.hair_motion import study
+from studies.hair_motion.grooms import GROOMS, HeadMesh
+from studies.hair_motion.motions import ELEVEN, LESSONS, UNSEEN, head_motion
 from studies.hair_motion.pages import write_page
 from studies.hair_motion.simulation import posed_head, simulated
 from studies.hair_motion.study import Job, fit_all, jobs
@@ -83,6 +84,19 @@ def test_eleven_motions_come_first() -> None:
     work = jobs(["long"], ["24 modes"], [4, 11, 2], 2)
     assert [(job.motions, job.seed) for job in work] == [(11, 0), (2, 0), (4, 0), (11, 1), (2, 1), (4, 1)]
     assert len({job.file for job in work}) == 6
+
+
+def test_a_row_beside_other_hair_wants_the_lessons_of_all_but_its_own(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    wanted: list[tuple[str, str]] = []
+    monkeypatch.setattr(study, "simulated", lambda folder, groom, name, disturbance: wanted.append((groom, name)))
+    work = jobs(["bob"], ["strand dynamics, beside other hair"], [2], 1)
+    study.simulate_all(tmp_path, work, Console(quiet=True))
+    assert {name for groom, name in wanted if groom == "bob"} == {*UNSEEN, *ELEVEN[:2]}
+    assert {groom for groom, _ in wanted} == set(GROOMS)
+    assert {name for groom, name in wanted if groom == "long"} == set(LESSONS)
+    assert not set(LESSONS) & set(UNSEEN)
 
 
 def test_tables_say_what_was_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 import torch
 from made_motions import made_motion
+from studies.hair_motion import strand_dynamics
 from studies.hair_motion.fitting import fitted, score
 from studies.hair_motion.recordings import Recorded
 from studies.hair_motion.strand_dynamics import WINDOW, Dynamics, fit, head_motions
@@ -30,6 +31,18 @@ def test_strands_learn_how_strands_move() -> None:
     row, learned = Dynamics(hidden=64, noise=0.01), [made_motion("turn"), made_motion("random1")]
     assert abs(score(fitted(row, learned, steps=0), learned)) < 0.1
     assert score(fitted(row, learned, steps=150), learned) > 0.4
+
+
+def test_half_of_what_is_learned_beside_other_hair_is_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    own, other = [made_motion("turn"), made_motion("nod")], [made_motion(f"random{number}") for number in range(1, 8)]
+    few = [replace(each, canonical=each.canonical[:1], displacements=each.displacements[:, :1]) for each in other]
+    learned: list[Recorded] = []
+    monkeypatch.setattr(strand_dynamics, "fit", lambda network, motions, *rest: learned.extend(motions))
+    fitted(replace(SMALL, beside=True), own, steps=0, others=few)
+    assert len(learned) == 2 * (len(few) + 4 * len(own))  # mirrored, too
+    assert sum(each.name in ("turn", "nod") for each in learned) == 2 * 4 * len(own)
+    monkeypatch.undo()
+    assert fitted(replace(SMALL, beside=True), own, steps=3, others=few)(own[0]).shape == own[0].displacements.shape
 
 
 def test_motions_of_different_lengths_and_hair_teach_together() -> None:

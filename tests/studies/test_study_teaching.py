@@ -64,7 +64,7 @@ def test_halting_heads_come_to_rest_twice() -> None:
 
 
 def test_what_is_taught_is_written_and_the_same_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(teaching, "MOTIONS", ("turn", "halt1"))
+    monkeypatch.setattr(teaching, "LESSONS", ("turn", "halt1"))
     monkeypatch.setattr(teaching, "GROOMS", ("long", "bob"))
     for groom in ("long", "bob"):
         for motion in ("turn", "halt1"):
