@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynhair.avatar import StrandDeformer, strand_deformer
-from dynhair.avatar.strand_dynamics import FPS, POINTS, StrandStates
+from dynhair.avatar.strand_dynamics import FPS, POINTS, HeadMotions, RestingStrands, StrandStates
 from dynhair.avatar.strand_memory import StrandMemory
 from dynhair.config import DeformerConfig
 from dynhair.motion import GRAVITY, motion_window
@@ -162,13 +162,13 @@ def test_played_in_order_hair_remembers_more_than_a_window() -> None:
 def test_provisional_ends_of_a_live_motion_are_taken_back() -> None:
     deformer, motion = StrandDeformer(canonical(), CONFIG), conditions()
     memory, steps = StrandMemory(deformer), []
-    real = deformer.dynamics.forward
+    real = deformer.dynamics.moved
 
-    def counted(rest: torch.Tensor, head: tuple[torch.Tensor, ...], *others: object, **named: object) -> torch.Tensor:
+    def counted(guides: RestingStrands, head: HeadMotions, *others: object, **named: object) -> torch.Tensor:
         steps.append(head[0].shape[1] - 1)
-        return real(rest, head, *others, **named)  # pyright: ignore[reportArgumentType]
+        return real(guides, head, *others, **named)  # pyright: ignore[reportArgumentType]
 
-    deformer.dynamics.forward = counted  # pyright: ignore[reportAttributeAccessIssue]
+    deformer.dynamics.moved = counted  # pyright: ignore[reportAttributeAccessIssue]
     for frame in range(2, 14):
         seen = motion[: frame + 1].clone()
         seen[-2:] *= 1.1

@@ -13,6 +13,7 @@ from dynhair.avatar.strand_dynamics import (
     HIDDEN,
     POINTS,
     HeadMotions,
+    RestingStrands,
     StrandDynamics,
     StrandStates,
     velocity_between,
@@ -95,17 +96,25 @@ class StrandDeformer(HairDeformer):
         held = torch.where(torch.tensor(moving, device=window.device), 0.0, window[:1])
         return torch.cat([held, window[first:]])
 
-    def states(self, window: Float[Tensor, "t c"], start: StrandStates | None = None) -> StrandStates:
+    def resting(self) -> RestingStrands:
+        """What the dynamics know of the guides before they move."""
+        return self.dynamics.resting(self.guides[None])
+
+    def states(
+        self, window: Float[Tensor, "t c"], start: StrandStates | None = None, guides: RestingStrands | None = None
+    ) -> StrandStates:
         """The guides at the end of a window.
 
         Args:
             window: conditions of frames, oldest first, as :meth:`begun` has them.
             start: of the guides in the first of them; if None, they hang from a head that is held so.
+            guides: as :meth:`resting` says; worked out if None.
         """
         start = self._hanging(window[:1]) if start is None else start
         if len(window) == 1:
             return start
-        return self._last(self.dynamics(self.guides[None], self._head(window), start, pace=self.pace))
+        guides = self.resting() if guides is None else guides
+        return self._last(self.dynamics.moved(guides, self._head(window), start, pace=self.pace))
 
     def unsettled(self, motion: Float[Tensor, "t c"], count: int, generator: torch.Generator) -> Float[Tensor, ""]:
         """How far strands still are from rest when, after a motion, the head has been at rest for `SETTLING`.

@@ -68,6 +68,20 @@ class StrandStates(NamedTuple):
     velocity: Float[Tensor, "m n k 3"]
 
 
+class RestingStrands(NamedTuple):
+    """What dynamics know of strands before they move.
+
+    Attributes:
+        first: the first layer's sums by each entry of the matrices that pull and that slide, and of the strand at rest.
+        gained: what the network says of the strand at rest, which is subtracted.
+        reach: how far each coordinate of each point may come from rest, metres.
+    """
+
+    first: Float[Tensor, "m e n h"]
+    gained: Float[Tensor, "m n c"]
+    reach: Float[Tensor, "m n c"]
+
+
 class StrandDynamics(nn.Module):
     """How strands move from frame to frame in the head's frame.
 
@@ -134,16 +148,43 @@ class StrandDynamics(nn.Module):
             pace: how long a frame is, in frames of what it is taught by. What is learned of one is scaled to another as
                 a semi-implicit step of that length.
         """
-        by_state, constant, resting = self._inputs(rest, head)
-        placed, velocity = (torch.zeros_like(rest),) * 2 if start is None else start
-        placed, velocity = placed.flatten(-2), velocity.flatten(-2)
-        kept = torch.sigmoid(-self.loss_logit).expand(-1, 3).flatten() ** pace
-        gain = pace * (STEP * self.freedom).expand(-1, 3).reshape(-1, 1) * self.gain.weight
-        lasting = _lasting(pace)
+        return self.moved(self.resting(rest), head, start, noise, pace)
+
+    def resting(self, rest: Float[Tensor, "m n k 3"]) -> RestingStrands:
+        """What there is to know of strands before they move.
+
+        The first layer is linear in the matrices by which a frame turns and pulls: what a strand makes of each of their
+        entries is worked out once, and a frame is a sum of these.
+        """
+        lies = rest - self.neck
+        roots = positional_encoding(lies[:, :, 0] / ROOT_UNIT, ROOT_FREQUENCIES)
+        first = self.of_rest(torch.cat([lies.flatten(-2) / REST_UNIT, roots], -1)) + self.of_points.bias
+        of_pull, of_slide = self._weights[..., 6:9] / PULL, self._weights[..., 9:] / PLACE
+        pulled = torch.einsum("hkc,mnkd->mcdnh", of_pull, rest).flatten(1, 2)
+        slid = torch.einsum("hkc,mnkd->mcdnh", of_slide, lies).flatten(1, 2)
         reach = 2 * functional.pad(segment_lengths(rest.flatten(0, 1)).cumsum(-1), (1, 0))
-        reach = reach.view(rest.shape[:-1]).repeat_interleave(3, -1)
-        units = rest.new_tensor([PLACE, STEP]).repeat_interleave(placed.shape[-1])
-        at_rest = functional.linear(self._hidden(resting), gain)
+        return RestingStrands(
+            first=torch.cat([pulled, slid, first[:, None]], 1),
+            gained=self.gain(self._hidden(first)),
+            reach=reach.view(rest.shape[:-1]).repeat_interleave(3, -1),
+        )
+
+    def moved(
+        self,
+        strands: RestingStrands,
+        head: HeadMotions,
+        start: StrandStates | None = None,
+        noise: float = 0.0,
+        pace: float = 1.0,
+    ) -> Float[Tensor, "m f n k 3"]:
+        """As :meth:`forward`, of strands of which that much is known."""
+        by_state, constant = self._inputs(strands, head)
+        none = torch.zeros_like(strands.reach)
+        placed, velocity = (none, none) if start is None else (start.placed.flatten(-2), start.velocity.flatten(-2))
+        kept = torch.sigmoid(-self.loss_logit).expand(-1, 3).flatten() ** pace
+        scale = pace * (STEP * self.freedom).expand(-1, 3).flatten()
+        lasting = _lasting(pace)
+        units = none.new_tensor([PLACE, STEP]).repeat_interleave(none.shape[-1])
         displacements = [placed]
         # unbound, for the gradient of one frame of a tensor is as large as the tensor
         for weights, given in zip(by_state.unbind(1)[1:], constant.unbind(1)[1:], strict=True):
@@ -152,48 +193,39 @@ class StrandDynamics(nn.Module):
                 state = state + noise * units * torch.randn_like(state)
             hidden = self._hidden(torch.baddbmm(given, state, weights))
             before = placed
-            faster = kept * velocity + functional.linear(hidden, gain) - at_rest
-            placed = (lasting * before + pace * faster).clamp(-reach, reach)
+            faster = kept * velocity + scale * (self.gain(hidden) - strands.gained)
+            placed = (lasting * before + pace * faster).clamp(-strands.reach, strands.reach)
             velocity = velocity_between(before, placed, pace)
             displacements.append(placed)
         return torch.stack(displacements, 1).unflatten(-1, (-1, 3))
+
+    @property
+    def _weights(self) -> Float[Tensor, "h k 12"]:
+        """Of the first layer, point by point: of displacement, velocity, pull, and place on the shoulders."""
+        return self.of_points.weight.unflatten(-1, (-1, 12))
 
     def _hidden(self, first: Float[Tensor, "m n h"]) -> Float[Tensor, "m n h"]:
         """What the last layer sees of a strand, from the sums of the first."""
         return functional.silu(self.middle(functional.silu(first)))
 
     def _inputs(
-        self, rest: Float[Tensor, "m n k 3"], head: HeadMotions
-    ) -> tuple[Float[Tensor, "m f s h"], Float[Tensor, "m f n h"], Float[Tensor, "m n h"]]:
-        """The first layer: its weights of a strand's displacements, then velocities; the rest of it; that at rest.
-
-        The rest of it is linear in the matrices that turn and pull in a frame. What a strand makes of each of their
-        entries is worked out once, and a frame is a sum of these.
-        """
+        self, strands: RestingStrands, head: HeadMotions
+    ) -> tuple[Float[Tensor, "m f s h"], Float[Tensor, "m f n h"]]:
+        """The first layer: its weights of a strand's displacements, then velocities; and the rest of it."""
         motions, frames, _ = head.omega.shape
         turn = so3_exp(head.turn)
         by_place, by_velocity = inertial_pull(head.omega, head.alpha)
-        same = torch.eye(3).to(rest).expand(motions, frames, 3, 3)
+        same = torch.eye(3).to(turn).expand(motions, frames, 3, 3)
         none = torch.zeros_like(same)
         of_place = torch.cat([same / PLACE, none, by_place / PULL, turn / PLACE], -2)
         of_velocity = torch.cat([none, same / STEP, FPS * by_velocity / PULL, none], -2)
-        weights = self.of_points.weight.unflatten(-1, (-1, 12))
-        by_state = torch.einsum("mfsdc,hkd->mfskch", torch.stack([of_place, of_velocity], 2), weights).flatten(2, 4)
-
-        lies = rest - self.neck
-        roots = positional_encoding(lies[:, :, 0] / ROOT_UNIT, ROOT_FREQUENCIES)
-        resting = self.of_rest(torch.cat([lies.flatten(-2) / REST_UNIT, roots], -1)) + self.of_points.bias
-        of_pull, of_slide = weights[..., 6:9] / PULL, weights[..., 9:] / PLACE
-        made = [
-            torch.einsum("hkc,mnkd->mcdnh", of_pull, rest).flatten(1, 2),
-            torch.einsum("hkc,mnkd->mcdnh", of_slide, lies).flatten(1, 2),
-            resting[:, None],
-        ]
+        of_state = torch.stack([of_place, of_velocity], 2)
+        by_state = torch.einsum("mfsdc,hkd->mfskch", of_state, self._weights).flatten(2, 4)
         turning = [by_place.flatten(-2), (turn - same).flatten(-2), torch.ones_like(head.omega[..., :1])]
-        of_strands = torch.cat(turning, -1) @ torch.cat(made, 1).flatten(2)
+        of_strands = (torch.cat(turning, -1) @ strands.first.flatten(2)).unflatten(-1, strands.first.shape[2:])
         moved = torch.cat([head.omega / OMEGA, head.alpha / ALPHA, head.weight / PULL], -1)
-        of_head = self.of_head(moved) + functional.linear(head.weight, of_pull.sum(1))
-        return by_state, of_strands.unflatten(-1, resting.shape[1:]) + of_head[:, :, None], resting
+        of_head = self.of_head(moved) + functional.linear(head.weight / PULL, self._weights[..., 6:9].sum(1))
+        return by_state, of_strands + of_head[:, :, None]
 
 
 def inertial_pull(

@@ -40,6 +40,8 @@ class StrandMemory:
 
     def __init__(self, deformer: StrandDeformer) -> None:
         self._deformer = deformer
+        with torch.no_grad():
+            self._guides = deformer.resting()
         self._known: list[_Known] = []
 
     def states(self, window: Float[Tensor, "t c"]) -> StrandStates:
@@ -47,14 +49,14 @@ class StrandMemory:
         window = self._deformer.begun(window)
         settled = max(len(window) - PROVISIONAL, 1)
         if (found := self._continued(window)) is None:
-            done, states = settled, self._deformer.states(window[:settled])
+            done, states = settled, self._deformer.states(window[:settled], guides=self._guides)
             known = []
         else:
             done, states = found
             known = list(self._known)
         for end in (settled, len(window)):
             if end > done:
-                done, states = end, self._deformer.states(window[done - 1 : end], states)
+                done, states = end, self._deformer.states(window[done - 1 : end], states, self._guides)
             if end == done:
                 known.append(_Known(window[:end], states))
         self._known = known[-KEPT:]  # at once, for threads may share an avatar
