@@ -56,7 +56,8 @@ def make_avatar(
     torch.manual_seed(0)
     roots = torch.nn.functional.normalize(torch.randn(20, 3), dim=1) * 0.1
     strands = roots[:, None] + torch.linspace(0, 0.1, 8)[None, :, None] * torch.tensor([0.0, -1.0, 0.3])
-    hair = Hair(strands, 0.008, torch.tensor([0.4, 0.2, 0.1]), deformer, dynamic)
+    track = head_track()
+    hair = Hair(strands, 0.008, torch.tensor([0.4, 0.2, 0.1]), deformer, dynamic, track.fps)
     means = torch.nn.functional.normalize(torch.randn(100, 3), dim=1) * 0.09
     config = HeadConfig(
         features=4,
@@ -75,7 +76,6 @@ def make_avatar(
     )
     head = Head(start, means[:5], head_pose(head_track(), 0), config)
     scalp = ScalpLayer.under(strands[:, 0], means, torch.arange(0, 100, 5))
-    track = head_track()
     recording = Recording(track.fps, track.gravity, head_pose(track, 0), front_camera())
     avatar = Avatar(hair, head, SignalNormalizer(deformer), torch.tensor([0.1, 0.2, 0.3]), scalp, basis, recording)
     with torch.no_grad():

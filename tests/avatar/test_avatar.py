@@ -12,7 +12,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from dynhair.avatar import Avatar, head_pose
+from dynhair.avatar import Avatar, StrandDeformer, head_pose
 from dynhair.avatar.spherical_harmonics import harmonics_colours
 from dynhair.camera import Camera
 from dynhair.capture import ExpressionBasis
@@ -99,6 +99,7 @@ def test_an_avatar_survives_its_folder(avatar: Avatar, tmp_path: Path) -> None:
         {"film": False},
         {"knots": 3},
         {"inextensible": True},
+        {"kind": "strands", "history": 12, "guides": 5, "turn": True},
     ],
     ids=str,
 )
@@ -111,6 +112,16 @@ def test_every_kind_of_hair_motion_survives_the_folder(change: dict[str, Any], t
     assert torch.equal(loaded.deformed_strands(track, [0, 3]), strands)
     assert (strands - avatar.canonical_strands).abs().max() > 1e-4
     assert loaded.hair.deformer.config == avatar.hair.deformer.config
+
+
+def test_dynamics_know_the_frame_rate_of_the_recording(tmp_path: Path) -> None:
+    trained = make_avatar(deformer=replace(SMALL, kind="strands", guides=5))
+    assert trained.recording is not None
+    trained.recording = replace(trained.recording, fps=25.0)
+    trained.save(tmp_path / "a")
+    deformer = Avatar.load(tmp_path / "a").hair.deformer
+    assert isinstance(deformer, StrandDeformer)
+    assert deformer.pace == pytest.approx(1.2)
 
 
 @pytest.mark.parametrize(
