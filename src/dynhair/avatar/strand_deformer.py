@@ -62,7 +62,8 @@ class StrandDeformer(HairDeformer):
 
     def __init__(self, canonical: Float[Tensor, "n l 3"], config: DeformerConfig, fps: float = FPS) -> None:
         super().__init__(canonical, config)
-        self.pace, self.graded, self.settling = FPS / fps, round(GRADED * fps), round(SETTLING * fps)
+        self.pace = FPS / fps
+        self.graded, self.settling = max(1, round(GRADED * fps)), max(4, round(SETTLING * fps))
         knots = resample_strands(canonical, POINTS)
         chosen = farthest_points(canonical.mean(1), config.guides)
         guides = knots[chosen]
