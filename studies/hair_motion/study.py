@@ -117,9 +117,9 @@ def _result(folder: Path, job: Job) -> dict[str, object]:
     row, learned = ROWS[job.row], LEARNED[: job.motions]
     whole = [_recorded(folder, job.groom, name) for name in learned]
     motions = [thinned(motion) for motion in whole]
+    beside = [_recorded(folder, groom, name) for groom, name in _lessons(job)]
     started = time.process_time()
     # to dynamics each strand is one more example; a deformer belongs to its strands
-    beside = [_recorded(folder, groom, name) for groom, name in _lessons(job)]
     predictor = fitted(row, whole if isinstance(row, Dynamics) else motions, job.seed, others=beside)
     seconds = time.process_time() - started
     held_out = [name for name in MORE if name not in LEARNED[: job.motions]]

@@ -25,6 +25,7 @@ from dynhair.avatar.live import SETTLED, LiveAvatar
 from dynhair.avatar.model_folder import basis_of, load_model, save_model
 from dynhair.avatar.recording import Recording, recording_in
 from dynhair.avatar.scalp_layer import ScalpLayer
+from dynhair.avatar.strand_dynamics import FPS
 from dynhair.avatar.super_resolution import SuperResolution
 from dynhair.camera import Camera
 from dynhair.capture import ExpressionBasis, HeadTrack
@@ -257,8 +258,8 @@ class Avatar(nn.Module):
         dynamic, deformer = description.get("dynamic", True), DeformerConfig(**{"knots": 0, **description["deformer"]})
         strands = tensors["hair.deformer.addresses"] if dynamic else tensors["hair.strands"]
         recording = recording_in(description)
-        rate = {} if recording is None else {"fps": recording.fps}
-        hair = Hair(strands, float(description["strand_width"]), torch.zeros(3), deformer, dynamic, **rate)
+        fps = FPS if recording is None else recording.fps
+        hair = Hair(strands, float(description["strand_width"]), torch.zeros(3), deformer, dynamic, fps)
         rest = HeadPose(torch.eye(3), torch.zeros(3), torch.zeros(3), torch.zeros(int(description["expression_size"])))
         coefficients, rows, _ = tensors["head.modes.offsets"].shape
         modes = ExpressionModes.blank(len(rest.expression), coefficients, rows)

@@ -19,7 +19,7 @@ class FrozenDeformer(ABC):
     """Displacements of a few knots of each strand, which move its other points.
 
     Args:
-        spread: by how much each knot moves each point.
+        spread: by how much each knot moves each point, metres for a unit of what is said of the knot.
     """
 
     def __init__(self, spread: Float[Tensor, "l k"]) -> None:

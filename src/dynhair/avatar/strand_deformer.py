@@ -111,10 +111,10 @@ class StrandDeformer(HairDeformer):
             start: of the guides in the first of them; if None, they hang from a head that is held so.
             guides: as :meth:`resting` says; worked out if None.
         """
-        start = self._hanging(window[:1]) if start is None else start
+        guides = self.resting() if guides is None else guides
+        start = self._hanging(window[:1], guides) if start is None else start
         if len(window) == 1:
             return start
-        guides = self.resting() if guides is None else guides
         return self._last(self.dynamics.moved(guides, self._head(window), start, pace=self.pace))
 
     def unsettled(self, motion: Float[Tensor, "t c"], count: int, generator: torch.Generator) -> Float[Tensor, ""]:
@@ -131,25 +131,25 @@ class StrandDeformer(HairDeformer):
             Mean distance over the last quarter of the frames at rest, metres.
         """
         chosen = torch.randperm(len(self.guides), generator=generator)[:count]
-        strands = self.guides[chosen.to(self.guides.device)][None]
+        strands = self.dynamics.resting(self.guides[chosen.to(self.guides.device)][None])
         with torch.no_grad():
-            start = self._last(self.dynamics(strands, self._head(motion), pace=self.pace))
+            start = self._last(self.dynamics.moved(strands, self._head(motion), pace=self.pace))
         still = self._head(motion.new_zeros(self.settling, motion.shape[1]))
-        moved = self.dynamics(strands, still, start, pace=self.pace)
+        moved = self.dynamics.moved(strands, still, start, pace=self.pace)
         return moved[0, -(self.settling // 4) :].norm(dim=-1).mean()
 
     def _last(self, moved: Float[Tensor, "m f n k 3"]) -> StrandStates:
         """Strands in the last of two or more frames."""
         return StrandStates(moved[:, -1], velocity_between(moved[:, -2], moved[:, -1], self.pace))
 
-    def _hanging(self, held: Float[Tensor, "1 c"]) -> StrandStates:
+    def _hanging(self, held: Float[Tensor, "1 c"], guides: RestingStrands) -> StrandStates:
         """The guides when they have settled; a head close to rest has resting hair."""
         still = torch.zeros_like(self.guides)[None]
         if bool(held.abs().amax() < HANGING):
             return StrandStates(still, still)
         with torch.no_grad():
             head = self._head(held.expand(self.settling, -1))
-            settled = self.dynamics(self.guides[None], head, pace=self.pace)[:, -1]
+            settled = self.dynamics.moved(guides, head, pace=self.pace)[:, -1]
         return StrandStates(settled, still)
 
     def following(self, guides: StrandStates) -> Float[Tensor, "n k 3"]:
@@ -159,10 +159,11 @@ class StrandDeformer(HairDeformer):
     def forward(self, window: Float[Tensor, "t c"]) -> Float[Tensor, "n l 3"]:
         """As :meth:`HairDeformer.forward`; gradients go back by `GRADED`."""
         window = self.begun(window)
-        before = max(len(window) - self.graded, 1)
+        before, guides = max(len(window) - self.graded, 1), self.resting()
         with torch.no_grad():
-            start = self.states(window[:before])
-        return torch.einsum("lk,nkc->nlc", self.along, self.following(self.states(window[before - 1 :], start)))
+            start = self.states(window[:before], guides=guides)
+        states = self.states(window[before - 1 :], start, guides)
+        return torch.einsum("lk,nkc->nlc", self.along, self.following(states))
 
     def _head(self, window: Float[Tensor, "t c"]) -> HeadMotions:
         """What the window's columns say of the head's motion; what the hair does not see is nothing."""

@@ -245,8 +245,8 @@ def inertial_pull(
     return -cross_matrix(alpha) - spin @ spin, -2 * spin
 
 
-def velocity_between(before: Tensor, after: Tensor, pace: float = 1.0) -> Tensor:
-    """Velocity of strands, as the next frame takes it up, by their displacements in two frames.
+def velocity_between(before: Float[Tensor, "*s"], after: Float[Tensor, "*s"], pace: float = 1.0) -> Float[Tensor, "*s"]:
+    """Velocity of strands as in `StrandStates`, by their displacements in two frames, metres.
 
     Forgetting slows strands down as well: as much in a second, whatever the pace.
     """
