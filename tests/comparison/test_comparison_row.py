@@ -104,6 +104,12 @@ def test_baselines_have_the_rows_settings_and_simulators_our_avatar(compared: Co
     assert (plain["minutes"], tuned["minutes"]) == (None, 1.5)
 
 
+def test_simulators_are_measured_on_held_out_motions_alone(compared: Comparison, calls: Calls) -> None:
+    for name in ("ours-seed5", "gha-seed5", "simulator-seed5", "simulator-tuned-seed5"):
+        make_row(compared.path, name)
+    assert [call["training"] for name, call in calls if name == "evaluate"] == [True, True, False, False]
+
+
 def test_simulators_are_tuned_for_an_hour_at_most() -> None:
     ours = Row("ours", "Ours", "ours", 0, "ours")
     assert tuning_minutes(dataclasses.replace(ours, seconds_trained=1e6)) == 60

@@ -65,7 +65,7 @@ def test_the_coefficients_with_the_largest_range_are_shown_in_their_order(seed: 
 
 def test_the_sheet_shows_truth_above_avatar(tmp_path: Path) -> None:
     capture = Capture.open(write_synthetic_capture(tmp_path / "capture", frames=4))
-    sheet = ExpressionSheet(capture)
+    sheet = ExpressionSheet(capture, capture.segments)
     for segment in capture.segments:
         for index in evaluated_indices(segment):
             colours = [torch.tensor(c).expand(3, 48, 48, 3) for c in ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0])]
@@ -82,7 +82,7 @@ def test_the_sheet_shows_truth_above_avatar(tmp_path: Path) -> None:
 @pytest.mark.parametrize("varies", [True, False])
 def test_without_landmarks_or_expressions_there_is_no_sheet(tmp_path: Path, varies: bool) -> None:
     capture = StandInCapture(segments=(Segment("stop", 10, 4 if varies else 1, "test"),))
-    sheet = ExpressionSheet(capture)
+    sheet = ExpressionSheet(capture, capture.segments)
     black = torch.zeros(2, 32, 36, 3)
     for index in range(capture.segments[0].count):
         sheet(EvaluatedFrame(capture.segments[0], index, black, black, black))

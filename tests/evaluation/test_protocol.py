@@ -201,6 +201,22 @@ def test_without_test_segments_only_segments_have_figures() -> None:
         assert figures["segments"]["turn"]["psnr"] is not None
 
 
+def test_training_segments_can_be_left_out() -> None:
+    both, held_out = (
+        evaluate_avatar(StandInAvatar(), StandInCapture(), training=training) for training in (True, False)
+    )
+    assert [part.segment.name for part in both.segments] == ["turn", "stop", "nod"]
+    assert [part.segment.name for part in held_out.segments] == ["stop", "nod"]
+    assert held_out.avatar == both.avatar
+    assert "one in 5 of training segments" in both.protocol["frames"]
+    assert "none of training segments" in held_out.protocol["frames"]
+
+
+def test_training_segments_are_measured_where_there_are_no_others() -> None:
+    evaluation = evaluate_avatar(StandInAvatar(), StandInCapture(segments=SEGMENTS[:1]), training=False)
+    assert [part.segment.name for part in evaluation.segments] == ["turn"]
+
+
 def test_json_explains_itself() -> None:
     written = json.loads(json.dumps(evaluate_avatar(StandInAvatar(), StandInCapture()).to_json(), allow_nan=False))
     assert set(written["definitions"]) == set(DEFINITIONS)

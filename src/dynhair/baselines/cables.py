@@ -31,7 +31,7 @@ CENTIMETRES = 100.0
 # hold contacts against joints that are much stiffer: with 1e7 in place of 1e6 hair falls through the head.
 STRETCH_STIFFNESS = CONTACT_STIFFNESS = 1e6
 CONTACT_GAP = 0.4  # cm around a cable within which contacts are looked for, more than it moves in a step
-HAIR, HEAD = -1, 1  # collision groups: cables do not collide with each other, all collide with the head
+HAIR = -1  # collision group: cables collide with all that is not of it, and not with each other
 CALM_FRAMES = 5
 """For so long hair must be slow to be at rest, and not at a turning point."""
 
@@ -206,7 +206,7 @@ class Cables:
             kd=0.0,
             mu=self.parameters.friction,
             gap=0.0,
-            collision_group=HEAD,
+            collision_group=1 + body,  # one of its own, or head and shoulders would collide where they overlap
         )
         builder.add_shape_mesh(body, mesh=mesh, cfg=material)
         return body

@@ -38,7 +38,7 @@ def make_row(path: Path, name: str) -> None:
     """
     from rich.console import Console
 
-    from dynhair.comparison.methods import HAIR
+    from dynhair.comparison.methods import HAIR, SIMULATORS
     from dynhair.comparison.record import Comparison
     from dynhair.comparison.rows import done, driven, trained
 
@@ -52,7 +52,10 @@ def make_row(path: Path, name: str) -> None:
 
     avatar = path / row.folder / "avatar"
     if not done(comparison, row):
-        run_evaluation(avatar, comparison.capture, path / row.folder / "evaluation", console=console)
+        # Simulating takes most of an evaluation, and a comparison's tables are of held-out motions.
+        training = row.method not in SIMULATORS
+        out = path / row.folder / "evaluation"
+        run_evaluation(avatar, comparison.capture, out, training=training, console=console)
     for driver, capture in comparison.drivers.items():
         out = driven(comparison, row) / driver
         if not (out / "metrics.json").exists():

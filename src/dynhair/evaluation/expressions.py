@@ -91,14 +91,15 @@ class ExpressionSheet:
 
     Args:
         capture: what is evaluated against.
+        segments: of it that are evaluated.
     """
 
-    def __init__(self, capture: Capture) -> None:
+    def __init__(self, capture: Capture, segments: Sequence[Segment]) -> None:
         self._capture = capture
-        indices = [evaluated_indices(segment) for segment in capture.segments]
-        tracks = [capture.track(segment) for segment in capture.segments]
+        indices = [evaluated_indices(segment) for segment in segments]
+        tracks = [capture.track(segment) for segment in segments]
         expressions = [track.expressions[list(places)] for track, places in zip(tracks, indices, strict=True)]
-        self._chosen = expressive_frames(capture.segments, indices, expressions)
+        self._chosen = expressive_frames(segments, indices, expressions)
         self._wanted = {(chosen.segment.name, chosen.index) for chosen in self._chosen}
         self._faces: dict[tuple[str, int], list[Picture]] = {}
 

@@ -61,6 +61,12 @@ def evaluated_indices(segment: Segment) -> range:
     return range(0, segment.count, 1 if segment.split == "test" else TRAINING_STRIDE)
 
 
+def evaluated_segments(capture: Capture, training: bool) -> list[Segment]:
+    """A capture's segments; without the training ones, those held out alone, where there are any."""
+    held_out = [segment for segment in capture.segments if segment.split == "test"]
+    return held_out if held_out and not training else list(capture.segments)
+
+
 @torch.no_grad()
 def evaluate_avatar(
     avatar: DrivenHead,
@@ -69,6 +75,7 @@ def evaluate_avatar(
     held_out: HeldOutViews | None = None,
     appearance: Appearance | None = None,
     observe: Callable[[EvaluatedFrame], None] | None = None,
+    training: bool = True,
 ) -> Evaluation:
     """Drive the avatar by each segment's track and hold it against the capture, in constant memory.
 
@@ -80,18 +87,20 @@ def evaluate_avatar(
         held_out: cameras that training did not use.
         appearance: networks that compare images; the published ones when left out.
         observe: called with each frame's images once they are measured.
+        training: whether training segments are measured as well as those held out.
 
     Raises:
         DynhairError: the avatar renders values that are not finite.
     """
-    watch = Stopwatch()
+    watch, measured = Stopwatch(), evaluated_segments(capture, training)
     held_out = held_out or HeldOutViews()
     appearance = (appearance or Appearance.published()).for_images(*capture.image_size)
-    twins = (False, True) if has_rigid_twin(avatar, capture) else (False,)
-    session = _Session(avatar, capture, twins, held_out, _resting_hair(avatar, capture), appearance, observe, watch)
+    twins = (False, True) if has_rigid_twin(avatar, capture, measured[0]) else (False,)
+    rest = _resting_hair(avatar, capture)
+    session = _Session(avatar, capture, measured, twins, held_out, rest, appearance, observe, watch)
     overall = session.sums()
     segments = []
-    for segment in capture.segments:
+    for segment in session.segments:
         meters = session.measure(segment)
         figures = [meter.sums.figures() for meter in meters]
         segments.append(SegmentFigures(segment, figures[0], _second(figures), meters[0].series.values))
@@ -114,9 +123,14 @@ def evaluate_avatar(
     )
 
 
-def has_rigid_twin(avatar: DrivenHead, capture: Capture) -> bool:
-    """Whether holding its hair rigid makes a difference to a method, so that this is evaluated beside it."""
-    segment = capture.segments[0]
+def has_rigid_twin(avatar: DrivenHead, capture: Capture, segment: Segment) -> bool:
+    """Whether holding its hair rigid makes a difference to a method, so that this is evaluated beside it.
+
+    Args:
+        avatar: the method.
+        capture: whose motion drives it.
+        segment: by whose middle frame this is told.
+    """
     track, middle = capture.track(segment), segment.count // 2
     strands = avatar.pose(track, middle).strands
     return strands is not None and not torch.equal(strands, avatar.pose(track, middle, rigid_hair=True).strands)
@@ -127,11 +141,13 @@ class _Session:
     """What all segments of an evaluation share.
 
     Attributes:
+        segments: that are measured.
         twins: whether the hair is held rigid in what is measured side by side: in the avatar not, in its twin it is.
     """
 
     avatar: DrivenHead
     capture: Capture
+    segments: Sequence[Segment]
     twins: tuple[bool, ...]
     held_out: HeldOutViews
     rest: RestingHair
@@ -167,11 +183,13 @@ class _Session:
     def protocol(self) -> dict[str, str]:
         """Say in words what was held against what."""
         capture, motion = self.capture, self.rest.motion
+        measured = any(segment.split != "test" for segment in self.segments)
+        training = f"one in {TRAINING_STRIDE}" if measured else "none"
         width, height = capture.image_size
         return {
             "capture": capture.name,
             "drive": "self-reenactment: each segment's tracked head pose and expression, never its images",
-            "frames": f"every frame of test segments, one in {TRAINING_STRIDE} of training segments; "
+            "frames": f"every frame of test segments, {training} of training segments; "
             "the figures outside `segments` are over the test segments together",
             "views": f"all {len(capture.camera_names)}, {width}x{height} pixels: {', '.join(capture.camera_names)}",
             "held_out_views": ", ".join(self.held_out.names) or f"none: {self.held_out.reason}",

@@ -25,7 +25,7 @@ from dynhair.evaluation.appearance import Appearance
 from dynhair.evaluation.expressions import ExpressionSheet
 from dynhair.evaluation.hairstyle import HairstyleEvaluation, evaluate_hairstyles
 from dynhair.evaluation.held_out import HeldOutViews, held_out_views, same_folder
-from dynhair.evaluation.protocol import DrivenHead, evaluate_avatar, evaluated_indices
+from dynhair.evaluation.protocol import DrivenHead, evaluate_avatar, evaluated_indices, evaluated_segments
 from dynhair.evaluation.recorder import Recorder, ReenactmentRecorder
 from dynhair.evaluation.records import EvaluatedFrame, Evaluation
 from dynhair.evaluation.report import evaluation_table, hairstyle_table, reenactment_table
@@ -58,6 +58,7 @@ def run_evaluation(
     out: Path | str,
     *,
     reenact: bool = False,
+    training: bool = True,
     appearance: Appearance | None = None,
     device: torch.device | str | None = None,
     console: Console | None = None,
@@ -75,6 +76,7 @@ def run_evaluation(
             ``contact_sheet.png`` and, where expressions vary, ``expressions.png``; or ``cross_<segment>.mp4`` of an
             avatar that another person drives.
         reenact: whether the capture shows another person even if the heads are too alike to tell.
+        training: whether an avatar is also measured on training segments, and not on those held out alone.
         appearance: networks that compare images; the published ones when left out.
         device: where the avatar is posed and rendered; a GPU where there is one, when left out.
         console: where progress and tables go; standard output when left out.
@@ -105,7 +107,8 @@ def run_evaluation(
         if isinstance(avatar, Avatar) and avatar.edits:
             hairstyles = {"canonical": hairstyles["canonical"], "edited": avatar.resting_strands}
             widths = {"edited": avatar.look.widths}
-        motion, written = _evaluate_motion(avatar, capture, held_out_views(run, capture), appearance, out, console)
+        held_out = held_out_views(run, capture)
+        motion, written = _evaluate_motion(avatar, capture, held_out, training, appearance, out, console)
         figures.update(motion.to_json())
         console.print(evaluation_table(motion))
     hairstyle = None
@@ -177,15 +180,17 @@ def _evaluate_motion(
     avatar: DrivenHead,
     capture: Capture,
     held_out: HeldOutViews,
+    training: bool,
     appearance: Appearance | None,
     out: Path,
     console: Console,
 ) -> tuple[Evaluation, list[Path]]:
-    total = sum(len(evaluated_indices(segment)) for segment in capture.segments)
+    segments = evaluated_segments(capture, training)
+    total = sum(len(evaluated_indices(segment)) for segment in segments)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     bars = Progress(*columns, console=console, transient=True)
     with large_pieces(), bars as progress, Recorder(capture, out) as recorder:
-        expressions = ExpressionSheet(capture)
+        expressions = ExpressionSheet(capture, segments)
         task = progress.add_task("evaluating", total=total)
 
         def observe(frame: EvaluatedFrame) -> None:
@@ -193,7 +198,9 @@ def _evaluate_motion(
             expressions(frame)
             progress.update(task, advance=1, description=f"evaluating {frame.segment.name}")
 
-        evaluation = evaluate_avatar(avatar, capture, held_out=held_out, appearance=appearance, observe=observe)
+        evaluation = evaluate_avatar(
+            avatar, capture, held_out=held_out, appearance=appearance, observe=observe, training=training
+        )
     series = out / SERIES_FILE
     write_series(series, {part.segment.name: part.series for part in evaluation.segments})
     sheet = expressions.write(out)
